@@ -1,0 +1,53 @@
+"""Identify the dynamics of a controlled axis, simulate it, and name what the simulation lacks.
+
+The public names are loaded when they are first used, so ``import ivtools`` is quick::
+
+    import ivtools as iv
+
+    record = iv.datasets.emps()
+    problem = iv.Problem(record, iv.axes.emps())
+    print(iv.IDIMLS().fit(problem).summary())
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does it
+    from ivtools import datasets as datasets
+    from ivtools import errors as errors
+    from ivtools.record import Record as Record
+
+__version__ = "0.1.0"
+
+_MODULES = ("axes", "datasets", "errors", "plots")
+_NAMES = {
+    "Record": "record",
+    "Pipeline": "pipeline",
+    "ClosedLoop": "loop",
+    "Problem": "problem",
+    "FitResults": "results",
+    "TestResult": "results",
+    "compare": "results",
+    "IDIMLS": "estimators",
+    "IDIMWLS": "estimators",
+    "IDIMIV": "estimators",
+    "Case": "study",
+    "Study": "study",
+    "diagnose": "gap",
+}
+
+__all__ = sorted([*_MODULES, *_NAMES])  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(f"ivtools.{name}")
+    if name not in _NAMES:
+        raise AttributeError(f"module 'ivtools' has no attribute {name!r}")
+    value = getattr(import_module(f"ivtools.{_NAMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

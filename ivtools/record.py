@@ -1,0 +1,372 @@
+"""A record: what was logged on an axis, one row per sample, validated and in SI units."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ivtools.errors import RecordError, RecordWarning, ShapeError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["SIGNALS", "Record"]
+
+#: Signals of a record and what they mean, in the order of the columns of a file.
+SIGNALS = {
+    "q": "measured position, m or rad",
+    "q_ref": "position reference, as q",
+    "nu": "command as sent to the drive, added inputs included, V (or A, N, N m)",
+    "tau": "force or torque, N or N m",
+    "added": "known input added to the command after the controller, as nu",
+    "dq": "measured velocity as the controller saw it, m/s or rad/s",
+    "dq_ref": "velocity reference, m/s or rad/s",
+}
+MIN_SAMPLES = 200
+MAX_JITTER = 0.01  # of the step
+SLOWEST_HZ, FASTEST_HZ = 20.0, 1e6  # sampling outside suggests that t is not in s
+FASTEST_MOTION = 1000.0  # m/s or rad/s
+MUST_VARY = ("q", "q_ref", "nu", "tau", "dq")
+ROWS = "rows of data count from 0"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Record:
+    """What was logged on an axis: read-only, validated, SI.
+
+    One-dimensional signals become a single column. A record that breaks a rule is refused:
+    nothing is repaired, resampled or filled in.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Time, s. It increases at a constant rate; jitter below 1 % of the step is accepted.
+    q : array_like, shape (n,) or (n, n_joints)
+        Measured position, m or rad.
+    q_ref : array_like, optional
+        Position reference, as q.
+    nu : array_like, optional
+        Command as sent to the drive, added inputs included, V (or A, N, N m).
+    tau : array_like, optional
+        Force or torque, N or N m. One of nu and tau is needed.
+    added : array_like, optional
+        Known input added to the command after the controller, as nu.
+    dq : array_like, optional
+        Measured velocity as the controller saw it, m/s or rad/s.
+    dq_ref : array_like, optional
+        Velocity reference, m/s or rad/s.
+    name : str
+        Name used in tables and figures.
+    theta_true : mapping of str to float, optional
+        True parameters, for a simulated record.
+    notes : tuple of str
+        What a reader should know: how the file was read, jitter, suspicions.
+
+    Raises
+    ------
+    RecordError
+        NaN, infinity, time that goes back, jitter above 1 %, fewer than 200 samples, a signal
+        that is constant, or a needed signal that is missing.
+    ShapeError
+        Signals of different lengths or numbers of joints.
+
+    Warns
+    -----
+    RecordWarning
+        A sampling rate or speed that suggests a wrong unit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(1000) * 1e-3
+    >>> record = Record(t, q=np.sin(t), nu=np.cos(t), name="sine")
+    >>> record
+    Record 'sine': 1000 samples at 1000 Hz, 1 joint, signals q, nu
+    >>> record.q.shape, record.dt
+    ((1000, 1), 0.001)
+    """
+
+    t: NDArray[np.float64]
+    q: NDArray[np.float64]
+    q_ref: NDArray[np.float64] | None = None
+    nu: NDArray[np.float64] | None = None
+    tau: NDArray[np.float64] | None = None
+    added: NDArray[np.float64] | None = None
+    dq: NDArray[np.float64] | None = None
+    dq_ref: NDArray[np.float64] | None = None
+    name: str = "record"
+    theta_true: Mapping[str, float] | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        t = _frozen_array("t", self.t)
+        _set(self, "t", t[:, 0])
+        if t.shape[1] != 1:
+            raise ShapeError(f"t has {t.shape[1]} columns; give one time axis for all joints")
+        if self.q is None:
+            raise RecordError("q is missing; a record needs t, q and one of nu and tau")
+        for signal in SIGNALS:
+            if getattr(self, signal) is not None:
+                _set(self, signal, _frozen_array(signal, getattr(self, signal)))
+        if self.theta_true is not None:
+            _set(self, "theta_true", {k: float(v) for k, v in self.theta_true.items()})
+        self._check_shapes()
+        self._check_values()
+        self._check_time()
+        self._check_motion()
+        _set(self, "notes", tuple(dict.fromkeys((*self.notes, *self._findings, *self._doubts))))
+        for doubt in self._doubts:
+            warnings.warn(f"{self.name}: {doubt}", RecordWarning, stacklevel=3)
+
+    # -- what it is -----------------------------------------------------------------------------
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return len(self.t)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return int(self.q.shape[1])
+
+    @cached_property
+    def dt(self) -> float:
+        """Mean sampling step, s; a rate within 1e-9 of a whole number of hertz is that number."""
+        step = float(self.t[-1] - self.t[0]) / (self.n_samples - 1)
+        rate = round(min(1 / step, 1e12))
+        return 1 / rate if rate and abs(rate * step - 1) < 1e-9 else float(f"{step:.9e}")
+
+    @property
+    def sampling_hz(self) -> float:
+        """Sampling rate, Hz."""
+        rate = 1 / self.dt
+        return float(round(rate)) if abs(rate - round(rate)) < 1e-9 * rate else rate
+
+    @cached_property
+    def jitter(self) -> float:
+        """Largest departure of a step from the mean step, as a fraction of the mean step."""
+        return float(np.max(np.abs(np.diff(self.t) - self.dt)) / self.dt)
+
+    @property
+    def signals(self) -> dict[str, NDArray[np.float64]]:
+        """The signals that were logged: name to array of shape (n, n_joints)."""
+        return {name: x for name in SIGNALS if (x := getattr(self, name)) is not None}
+
+    # -- where it comes from and goes to ----------------------------------------------------------
+    @classmethod
+    def read(cls, path: str | Path, columns: Mapping[str, str] | None = None) -> Record:
+        """Read a csv, csv.gz, parquet or MATLAB file.
+
+        Parameters
+        ----------
+        path : str or Path
+            File with one row per sample; the columns of the EMPS files are recognised.
+        columns : mapping of str to str, optional
+            Names in the file that differ from ours: ``{"q": "position", "nu": "u"}``.
+
+        Returns
+        -------
+        Record
+            Named after the file.
+
+        Raises
+        ------
+        DataError
+            The file is missing, damaged or of unknown type.
+        RecordError, ShapeError
+            Its content breaks a rule of `Record`.
+        """
+        from ivtools.readers import read_table
+
+        table, notes = read_table(Path(path), columns)
+        name = Path(path).name.split(".")[0]
+        return cls.from_dict(table, columns, name=name, notes=notes)
+
+    @classmethod
+    def from_frame(
+        cls, frame: pd.DataFrame, columns: Mapping[str, str] | None = None, name: str = "record"
+    ) -> Record:
+        """Make a record of a DataFrame with one row per sample; ``columns`` as for `read`."""
+        from ivtools.readers import frame_table
+
+        return cls.from_dict(frame_table(frame), columns, name=name)
+
+    @classmethod
+    def from_dict(
+        cls,
+        table: Mapping[str, ArrayLike],
+        columns: Mapping[str, str] | None = None,
+        name: str = "record",
+        notes: tuple[str, ...] = (),
+    ) -> Record:
+        """Make a record of arrays by name; ``columns`` as for `read`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> t = np.arange(300) * 1e-3
+        >>> Record.from_dict({"t": t, "x": np.sin(t), "nu": np.cos(t)}, columns={"q": "x"}).n_joints
+        1
+        """
+        from ivtools.readers import pick_signals
+
+        return cls(**pick_signals(table, columns), name=name, notes=notes)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a DataFrame with the columns of a record file."""
+        import pandas as pd
+
+        table = {"t": self.t}
+        for signal, values in self.signals.items():
+            for joint, column in enumerate(values.T):
+                table[_column(signal, joint, self.n_joints)] = column
+        return pd.DataFrame(table)
+
+    def replace(self, **changes: Any) -> Record:
+        """Return a validated record with some fields changed, for instance ``nu`` or ``name``."""
+        own = {*self._findings, *self._doubts}
+        changes.setdefault("notes", tuple(note for note in self.notes if note not in own))
+        return dataclasses.replace(self, **changes)
+
+    def slice(self, start: int | None = None, stop: int | None = None) -> Record:
+        """Return the samples from ``start`` to before ``stop``; time is kept as it was."""
+        rows = slice(start, stop)
+        parts = {name: values[rows] for name, values in self.signals.items()}
+        return self.replace(t=self.t[rows], **parts)
+
+    def __repr__(self) -> str:
+        joints = f"{self.n_joints} joint{'s' if self.n_joints > 1 else ''}"
+        return (
+            f"Record {self.name!r}: {self.n_samples} samples at {self.sampling_hz:g} Hz, {joints}, "
+            f"signals {', '.join(self.signals)}"
+        )
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        table = self.to_frame().describe().loc[["min", "max", "mean", "std"]].T
+        notes = "".join(f"<br>{escape(note)}" for note in self.notes)
+        return f"<p>{escape(repr(self))}{notes}</p>{table.to_html(float_format='{:.6g}'.format)}"
+
+    # -- what it must obey ------------------------------------------------------------------------
+    def _check_shapes(self) -> None:
+        for signal, values in self.signals.items():
+            if len(values) != self.n_samples:
+                raise ShapeError(
+                    f"{signal} has {len(values)} samples and t {self.n_samples}; both must match"
+                )
+            if values.shape[1] != self.n_joints:
+                raise ShapeError(
+                    f"{signal} has {values.shape[1]} joints and q {self.n_joints}; both must match"
+                )
+        if self.n_samples < MIN_SAMPLES:
+            raise RecordError(
+                f"the record has {self.n_samples} samples, fewer than {MIN_SAMPLES}; "
+                "log a longer one"
+            )
+        if self.nu is None and self.tau is None:
+            raise RecordError("nu and tau are both missing; log the command or the force")
+
+    def _check_values(self) -> None:
+        for signal, values in {"t": self.t[:, None], **self.signals}.items():
+            broken = ~np.isfinite(values)
+            if broken.any():
+                row, joint = (int(i) for i in np.argwhere(broken)[0])
+                kind = "NaN" if np.isnan(values[row, joint]) else "infinite"
+                column = "t" if signal == "t" else _column(signal, joint, self.n_joints)
+                raise RecordError(
+                    f"{column} is {kind} at row {row} ({ROWS}); "
+                    "cut the record before it or log it again"
+                )
+
+    def _check_time(self) -> None:
+        step = np.diff(self.t)
+        if step.min() <= 0:
+            row = int(np.argmax(step <= 0)) + 1
+            what = "goes back" if step[row - 1] < 0 else "stands still"
+            raise RecordError(
+                f"t {what} at row {row} ({ROWS}): {self.t[row - 1]:.9g} s, then {self.t[row]:.9g} s"
+                "; keep one run, in the order of time"
+            )
+        if not self.jitter <= MAX_JITTER:
+            row = int(np.argmax(np.abs(step - self.dt) > MAX_JITTER * self.dt)) + 1
+            raise RecordError(
+                f"t jitters by {100 * self.jitter:.3g} % of its step, more than 1 %, first at row "
+                f"{row} ({ROWS}); keep a part without lost samples or resample to a constant rate"
+            )
+
+    def _check_motion(self) -> None:
+        excited = any(x is not None and np.ptp(x) > 0 for x in (self.added, self.dq_ref))
+        for signal in MUST_VARY:
+            values = getattr(self, signal)
+            if values is None or np.ptp(values, axis=0).any():
+                continue
+            if signal == "q_ref" and excited:
+                continue  # a position held while something else excites the axis
+            remedy = "log a moving axis" if signal == "q" else f"log {signal} or leave it out"
+            column = _column(signal, 0, self.n_joints)
+            raise RecordError(
+                f"{column} is constant, {values[0, 0]:g} from row 0 to the end ({ROWS}); {remedy}"
+            )
+
+    @cached_property
+    def _findings(self) -> tuple[str, ...]:
+        """Facts worth telling: jitter, single joints that stand still."""
+        found = []
+        if self.jitter > 1e-9 and self.jitter * self.dt > 4 * np.spacing(np.abs(self.t).max()):
+            found.append(f"t jitters by {100 * self.jitter:.2g} % of its step: accepted")
+        still = np.flatnonzero(np.ptp(self.q, axis=0) == 0)
+        found += [f"{_column('q', int(j), self.n_joints)} stands still throughout" for j in still]
+        return tuple(found)
+
+    @cached_property
+    def _doubts(self) -> tuple[str, ...]:
+        """Signs of a wrong unit that the record alone gives away."""
+        doubts = []
+        if not SLOWEST_HZ <= self.sampling_hz <= FASTEST_HZ:
+            doubts.append(f"t implies a sampling rate of {self.sampling_hz:.3g} Hz; is it in s?")
+        speed = np.abs(np.diff(self.q, axis=0)).max(axis=0) / self.dt
+        for joint in np.flatnonzero(speed > FASTEST_MOTION):
+            doubts.append(
+                f"{_column('q', int(joint), self.n_joints)} implies a speed of "
+                f"{speed[joint]:.3g} per s; is it in m or rad?"
+            )
+        return tuple(doubts)
+
+
+def _set(record: Record, name: str, value: object) -> None:
+    object.__setattr__(record, name, value)
+
+
+def _column(signal: str, joint: int, n_joints: int) -> str:
+    """Return the name of a joint's column: q for one joint, else q1, q2, ..."""
+    return signal if n_joints == 1 else f"{signal}{joint + 1}"
+
+
+def _frozen_array(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Return a read-only float64 array of shape (n, columns); masked values become NaN."""
+    try:
+        array = np.asarray(values) if not np.ma.isMaskedArray(values) else values
+        if array.dtype.kind not in "biuf":
+            raise RecordError(f"{name} holds {array.dtype} values; give real numbers")
+        masked = np.ma.isMaskedArray(array)
+        array = np.ma.filled(array.astype(float), np.nan) if masked else array
+    except RecordError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name} is not an array of numbers: {error}") from error
+    if array.ndim not in (1, 2):
+        raise ShapeError(f"{name} has {array.ndim} dimensions; give (n,) or (n, n_joints)")
+    array = array[:, None] if array.ndim == 1 else array
+    if array.flags.writeable or array.dtype != float or not array.flags.forc:
+        array = np.array(array, dtype=float, order="C")
+    array.setflags(write=False)
+    return array
