@@ -1,0 +1,205 @@
+"""linalg against linearmodels and statsmodels, its invariants and its messages."""
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from linearmodels.iv import IV2SLS
+from linearmodels.iv.covariance import kernel_optimal_bandwidth
+
+from ivtools import linalg
+from ivtools.errors import EstimationError, ShapeError
+
+EXACT = {"rtol": 1e-8, "atol": 0}
+
+
+@pytest.fixture(scope="module")
+def system():
+    """Endogenous X (400, 3), instruments (400, 5), autocorrelated y, in mixed units."""
+    rng = np.random.default_rng(7)
+    Z = rng.standard_normal((400, 5)).cumsum(axis=0) * 0.1 + rng.standard_normal((400, 5))
+    noise = rng.standard_normal((400, 3))
+    for k in range(1, 400):
+        noise[k] += 0.6 * noise[k - 1]
+    X = (Z[:, :3] + 0.3 * Z[:, 2:5] + 0.5 * noise) * [1.0, 1e-3, 1e4]
+    y = X @ [2.0, 3e3, 1e-4] + noise.sum(axis=1) * (1.0 + 0.5 * np.abs(Z[:, 0]))
+    return X, y, Z
+
+
+def oracle(system, surplus, **options):
+    X, y, Z = system
+    return IV2SLS(y, None, X, Z if surplus else Z[:, :3]).fit(**options)
+
+
+@pytest.mark.parametrize("surplus", [False, True])
+@pytest.mark.parametrize("debiased", [False, True])
+@pytest.mark.parametrize(
+    ("cov_type", "theirs"),
+    [
+        ("classical", {"cov_type": "unadjusted"}),
+        ("robust", {"cov_type": "robust"}),
+        ("hac", {"cov_type": "kernel", "kernel": "bartlett", "bandwidth": 12}),
+    ],
+)
+def test_instrumental_variables_agree_with_linearmodels(
+    system, surplus, debiased, cov_type, theirs
+):
+    X, y, Z = system
+    Z = Z if surplus else Z[:, :3]
+    theta = linalg.solve_iv(X, y, Z)
+    cov = linalg.covariance(X, y - X @ theta, Z, cov_type, bandwidth=12, debiased=debiased)
+    expected = oracle(system, surplus, debiased=debiased, **theirs)
+    np.testing.assert_allclose(theta, expected.params, **EXACT)
+    np.testing.assert_allclose(np.sqrt(np.diag(cov)), expected.std_errors, **EXACT)
+    np.testing.assert_allclose(cov, expected.cov, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("cov_type", "debiased", "theirs"),
+    [
+        ("classical", True, {"cov_type": "nonrobust"}),
+        ("robust", False, {"cov_type": "HC0"}),
+        ("robust", True, {"cov_type": "HC1"}),
+        ("hac", False, {"cov_type": "HAC", "cov_kwds": {"maxlags": 9}}),
+        (
+            "hac",
+            True,
+            {"cov_type": "HAC", "cov_kwds": {"maxlags": 9, "use_correction": True}},
+        ),
+    ],
+)
+def test_least_squares_agrees_with_statsmodels(system, cov_type, debiased, theirs):
+    X, y, _ = system
+    theta = linalg.solve_iv(X, y)
+    cov = linalg.covariance(X, y - X @ theta, None, cov_type, bandwidth=9, debiased=debiased)
+    expected = sm.OLS(y, X).fit(**theirs)
+    np.testing.assert_allclose(theta, expected.params, **EXACT)
+    np.testing.assert_allclose(np.sqrt(np.diag(cov)), expected.bse, **EXACT)
+
+
+def test_weights_are_inverse_variances(system):
+    X, y, Z = system
+    weights = np.random.default_rng(8).uniform(0.2, 3.0, len(y))
+    theta = linalg.solve_iv(X, y, weights=weights)
+    cov = linalg.covariance(X, y - X @ theta, None, "classical", weights=weights, debiased=True)
+    expected = sm.WLS(y, X, weights=weights).fit()
+    np.testing.assert_allclose(theta, expected.params, **EXACT)
+    np.testing.assert_allclose(np.sqrt(np.diag(cov)), expected.bse, **EXACT)
+    ours = linalg.solve_iv(X, y, Z, weights)
+    theirs = IV2SLS(y, None, X, Z, weights=weights).fit()
+    np.testing.assert_allclose(ours, theirs.params, **EXACT)
+
+
+def test_instruments_equal_to_the_columns_are_least_squares(system):
+    X, y, _ = system
+    np.testing.assert_allclose(linalg.solve_iv(X, y, X), linalg.solve_iv(X, y), rtol=1e-11)
+
+
+def test_classical_form_of_the_report(system):
+    X, y, _ = system
+    theta = linalg.solve_iv(X, y)
+    e = y - X @ theta
+    cov = linalg.covariance(X, e, cov_type="classical")
+    expected = e.std(ddof=1) * np.sqrt(np.diag(np.linalg.inv(X.T @ X)))
+    np.testing.assert_allclose(np.sqrt(np.diag(cov)), expected, **EXACT)
+
+
+@given(exponents=st.lists(st.integers(-8, 8), min_size=3, max_size=3))
+@settings(max_examples=25, deadline=None)
+def test_units_scale_the_results_and_change_nothing_else(system, exponents):
+    X, y, Z = system
+    units = 10.0 ** np.array(exponents)
+    theta, scaled = linalg.solve_iv(X, y, Z), linalg.solve_iv(X * units, y, Z)
+    np.testing.assert_allclose(scaled * units, theta, rtol=1e-9)
+    for cov_type in ("classical", "robust", "hac"):
+        cov = linalg.covariance(X, y - X @ theta, Z, cov_type)
+        rescaled = linalg.covariance(X * units, y - X @ theta, Z, cov_type)
+        np.testing.assert_allclose(rescaled * np.outer(units, units), cov, rtol=1e-7)
+
+
+@given(n=st.integers(2, 60), bandwidth=st.integers(0, 59), seed=st.integers(0, 99))
+@settings(max_examples=40, deadline=None)
+def test_long_run_variance_is_the_weighted_sum_over_lags(n, bandwidth, seed):
+    bandwidth = min(bandwidth, n - 1)
+    scores = np.random.default_rng(seed).standard_normal((n, 2))
+    total = scores.T @ scores
+    for lag in range(1, bandwidth + 1):
+        gamma = scores[lag:].T @ scores[:-lag]
+        total += (1 - lag / (bandwidth + 1)) * (gamma + gamma.T)
+    np.testing.assert_allclose(linalg.long_run_variance(scores, bandwidth), total, atol=1e-10)
+
+
+def test_automatic_bandwidth_of_one_column_is_that_of_newey_and_west():
+    rng = np.random.default_rng(9)
+    for pole in (0.0, 0.3, 0.7, 0.95):
+        x = rng.standard_normal((800, 1))
+        for k in range(1, 800):
+            x[k] += pole * x[k - 1]
+        assert linalg.automatic_bandwidth(x) == kernel_optimal_bandwidth(x)
+
+
+def test_automatic_bandwidth_ignores_units_signs_and_empty_columns():
+    x = np.random.default_rng(10).standard_normal((500, 3)).cumsum(axis=0)
+    expected = linalg.automatic_bandwidth(x)
+    assert linalg.automatic_bandwidth(x * [1e-6, -1.0, 1e8]) == expected
+    assert linalg.automatic_bandwidth(np.column_stack([x, np.zeros((500, 2))])) == expected
+
+
+def test_base_columns_drop_what_the_others_say():
+    rng = np.random.default_rng(11)
+    X = rng.standard_normal((50, 3)) * [1.0, 1e-9, 1e9]
+    assert linalg.base_columns(X).tolist() == [0, 1, 2]
+    twice = np.column_stack([X, X[:, 0] + X[:, 2], np.zeros(50)])
+    assert len(linalg.base_columns(twice)) == 3
+    assert 4 not in linalg.base_columns(twice)
+
+
+def test_projection_is_idempotent_and_keeps_its_space(system):
+    X, _, Z = system
+    onto = linalg.projection(Z, X)
+    np.testing.assert_allclose(linalg.projection(Z, onto), onto, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(linalg.projection(Z, Z), Z, rtol=1e-9, atol=1e-12)
+    assert not linalg.projection(Z[:, :0], X).any()
+
+
+def test_dependent_columns_are_named(system):
+    X, y, Z = system
+    twice = np.column_stack([X[:, :2], 3 * X[:, 1]])
+    with pytest.raises(EstimationError, match="viscous.* depends on the other columns"):
+        linalg.solve_iv(twice, y, names=["inertia", "viscous", "viscous_2"])
+    with pytest.raises(EstimationError, match="gravity depends on"):
+        linalg.solve_iv(X * [1, 0, 1], y, names=["inertia", "gravity", "offset"])
+    with pytest.raises(EstimationError, match="column 1 depends on"):
+        linalg.solve_iv(X * [1, 0, 1], y)
+    with pytest.raises(EstimationError, match=r"instruments \[[03]\] \(counted from 0\) depend"):
+        linalg.solve_iv(X, y, np.column_stack([Z[:, :3], Z[:, 0]]))
+    orthogonal = X - linalg.projection(Z, X)
+    with pytest.raises(EstimationError, match="in the space of the instruments"):
+        linalg.solve_iv(np.column_stack([X[:, :2], orthogonal[:, 2]]), y, Z)
+
+
+def test_systems_that_cannot_be_solved_are_refused(system):
+    X, y, Z = system
+    with pytest.raises(ShapeError, match="X has 400 rows, y 399"):
+        linalg.solve_iv(X, y[1:])
+    with pytest.raises(ShapeError, match="Z 399"):
+        linalg.solve_iv(X, y, Z[1:])
+    with pytest.raises(ShapeError, match=r"\(N, p\)"):
+        linalg.solve_iv(X[:, 0], y)
+    with pytest.raises(ShapeError, match="3 rows are too few for 3 parameters"):
+        linalg.solve_iv(X[:3], y[:3])
+    with pytest.raises(ShapeError, match="2 instruments are too few for 3 parameters"):
+        linalg.solve_iv(X, y, Z[:, :2])
+    bad = y.copy()
+    bad[17] = np.nan
+    with pytest.raises(EstimationError, match="y has a value that is not finite in row 17"):
+        linalg.solve_iv(X, bad)
+    with pytest.raises(ShapeError, match="weights are"):
+        linalg.solve_iv(X, y, weights=np.ones(3))
+    with pytest.raises(EstimationError, match="weights must be finite and not negative"):
+        linalg.solve_iv(X, y, weights=-np.ones_like(y))
+    with pytest.raises(EstimationError, match="cov_type = 'white' is unknown"):
+        linalg.covariance(X, y, cov_type="white")
+    with pytest.raises(EstimationError, match="bandwidth = 400 must lie between 0 and 399"):
+        linalg.covariance(X, y, bandwidth=400)
