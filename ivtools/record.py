@@ -12,30 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ivtools.errors import RecordError, RecordWarning, ShapeError
+from ivtools import checks
+from ivtools.columns import SIGNALS, column_name, pick_signals
+from ivtools.errors import IVToolsError, RecordError, RecordWarning, ShapeError
 
 if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["SIGNALS", "Record"]
-
-#: Signals of a record and what they mean, in the order of the columns of a file.
-SIGNALS = {
-    "q": "measured position, m or rad",
-    "q_ref": "position reference, as q",
-    "nu": "command as sent to the drive, added inputs included, V (or A, N, N m)",
-    "tau": "force or torque, N or N m",
-    "added": "known input added to the command after the controller, as nu",
-    "dq": "measured velocity as the controller saw it, m/s or rad/s",
-    "dq_ref": "velocity reference, m/s or rad/s",
-}
-MIN_SAMPLES = 200
-MAX_JITTER = 0.01  # of the step
-SLOWEST_HZ, FASTEST_HZ = 20.0, 1e6  # sampling outside suggests that t is not in s
-FASTEST_MOTION = 1000.0  # m/s or rad/s
-MUST_VARY = ("q", "q_ref", "nu", "tau", "dq")
-ROWS = "rows of data count from 0"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,12 +103,10 @@ class Record:
                 _set(self, signal, _frozen_array(signal, getattr(self, signal)))
         if self.theta_true is not None:
             _set(self, "theta_true", {k: float(v) for k, v in self.theta_true.items()})
-        self._check_shapes()
-        self._check_values()
-        self._check_time()
-        self._check_motion()
-        _set(self, "notes", tuple(dict.fromkeys((*self.notes, *self._findings, *self._doubts))))
-        for doubt in self._doubts:
+        checks.check(self)
+        found, doubts = checks.findings(self), checks.doubts(self)
+        _set(self, "notes", tuple(dict.fromkeys((*self.notes, *found, *doubts))))
+        for doubt in doubts:
             warnings.warn(f"{self.name}: {doubt}", RecordWarning, stacklevel=3)
 
     # -- what it is -----------------------------------------------------------------------------
@@ -186,9 +169,12 @@ class Record:
         """
         from ivtools.readers import read_table
 
-        table, notes = read_table(Path(path), columns)
-        name = Path(path).name.split(".")[0]
-        return cls.from_dict(table, columns, name=name, notes=notes)
+        path = Path(path)
+        try:
+            table, notes = read_table(path, columns)
+            return cls.from_dict(table, columns, name=path.name.split(".")[0], notes=notes)
+        except IVToolsError as error:
+            raise type(error)(f"{path}: {error}") from error
 
     @classmethod
     def from_frame(
@@ -197,7 +183,7 @@ class Record:
         """Make a record of a DataFrame with one row per sample; ``columns`` as for `read`."""
         from ivtools.readers import frame_table
 
-        return cls.from_dict(frame_table(frame), columns, name=name)
+        return cls.from_dict(frame_table(frame, columns), columns, name=name)
 
     @classmethod
     def from_dict(
@@ -216,8 +202,6 @@ class Record:
         >>> Record.from_dict({"t": t, "x": np.sin(t), "nu": np.cos(t)}, columns={"q": "x"}).n_joints
         1
         """
-        from ivtools.readers import pick_signals
-
         return cls(**pick_signals(table, columns), name=name, notes=notes)
 
     def to_frame(self) -> pd.DataFrame:
@@ -227,12 +211,12 @@ class Record:
         table = {"t": self.t}
         for signal, values in self.signals.items():
             for joint, column in enumerate(values.T):
-                table[_column(signal, joint, self.n_joints)] = column
+                table[column_name(signal, joint, self.n_joints)] = column
         return pd.DataFrame(table)
 
     def replace(self, **changes: Any) -> Record:
         """Return a validated record with some fields changed, for instance ``nu`` or ``name``."""
-        own = {*self._findings, *self._doubts}
+        own = {*checks.findings(self), *checks.doubts(self)}
         changes.setdefault("notes", tuple(note for note in self.notes if note not in own))
         return dataclasses.replace(self, **changes)
 
@@ -256,99 +240,9 @@ class Record:
         notes = "".join(f"<br>{escape(note)}" for note in self.notes)
         return f"<p>{escape(repr(self))}{notes}</p>{table.to_html(float_format='{:.6g}'.format)}"
 
-    # -- what it must obey ------------------------------------------------------------------------
-    def _check_shapes(self) -> None:
-        for signal, values in self.signals.items():
-            if len(values) != self.n_samples:
-                raise ShapeError(
-                    f"{signal} has {len(values)} samples and t {self.n_samples}; both must match"
-                )
-            if values.shape[1] != self.n_joints:
-                raise ShapeError(
-                    f"{signal} has {values.shape[1]} joints and q {self.n_joints}; both must match"
-                )
-        if self.n_samples < MIN_SAMPLES:
-            raise RecordError(
-                f"the record has {self.n_samples} samples, fewer than {MIN_SAMPLES}; "
-                "log a longer one"
-            )
-        if self.nu is None and self.tau is None:
-            raise RecordError("nu and tau are both missing; log the command or the force")
-
-    def _check_values(self) -> None:
-        for signal, values in {"t": self.t[:, None], **self.signals}.items():
-            broken = ~np.isfinite(values)
-            if broken.any():
-                row, joint = (int(i) for i in np.argwhere(broken)[0])
-                kind = "NaN" if np.isnan(values[row, joint]) else "infinite"
-                column = "t" if signal == "t" else _column(signal, joint, self.n_joints)
-                raise RecordError(
-                    f"{column} is {kind} at row {row} ({ROWS}); "
-                    "cut the record before it or log it again"
-                )
-
-    def _check_time(self) -> None:
-        step = np.diff(self.t)
-        if step.min() <= 0:
-            row = int(np.argmax(step <= 0)) + 1
-            what = "goes back" if step[row - 1] < 0 else "stands still"
-            raise RecordError(
-                f"t {what} at row {row} ({ROWS}): {self.t[row - 1]:.9g} s, then {self.t[row]:.9g} s"
-                "; keep one run, in the order of time"
-            )
-        if not self.jitter <= MAX_JITTER:
-            row = int(np.argmax(np.abs(step - self.dt) > MAX_JITTER * self.dt)) + 1
-            raise RecordError(
-                f"t jitters by {100 * self.jitter:.3g} % of its step, more than 1 %, first at row "
-                f"{row} ({ROWS}); keep a part without lost samples or resample to a constant rate"
-            )
-
-    def _check_motion(self) -> None:
-        excited = any(x is not None and np.ptp(x) > 0 for x in (self.added, self.dq_ref))
-        for signal in MUST_VARY:
-            values = getattr(self, signal)
-            if values is None or np.ptp(values, axis=0).any():
-                continue
-            if signal == "q_ref" and excited:
-                continue  # a position held while something else excites the axis
-            remedy = "log a moving axis" if signal == "q" else f"log {signal} or leave it out"
-            column = _column(signal, 0, self.n_joints)
-            raise RecordError(
-                f"{column} is constant, {values[0, 0]:g} from row 0 to the end ({ROWS}); {remedy}"
-            )
-
-    @cached_property
-    def _findings(self) -> tuple[str, ...]:
-        """Facts worth telling: jitter, single joints that stand still."""
-        found = []
-        if self.jitter > 1e-9 and self.jitter * self.dt > 4 * np.spacing(np.abs(self.t).max()):
-            found.append(f"t jitters by {100 * self.jitter:.2g} % of its step: accepted")
-        still = np.flatnonzero(np.ptp(self.q, axis=0) == 0)
-        found += [f"{_column('q', int(j), self.n_joints)} stands still throughout" for j in still]
-        return tuple(found)
-
-    @cached_property
-    def _doubts(self) -> tuple[str, ...]:
-        """Signs of a wrong unit that the record alone gives away."""
-        doubts = []
-        if not SLOWEST_HZ <= self.sampling_hz <= FASTEST_HZ:
-            doubts.append(f"t implies a sampling rate of {self.sampling_hz:.3g} Hz; is it in s?")
-        speed = np.abs(np.diff(self.q, axis=0)).max(axis=0) / self.dt
-        for joint in np.flatnonzero(speed > FASTEST_MOTION):
-            doubts.append(
-                f"{_column('q', int(joint), self.n_joints)} implies a speed of "
-                f"{speed[joint]:.3g} per s; is it in m or rad?"
-            )
-        return tuple(doubts)
-
 
 def _set(record: Record, name: str, value: object) -> None:
     object.__setattr__(record, name, value)
-
-
-def _column(signal: str, joint: int, n_joints: int) -> str:
-    """Return the name of a joint's column: q for one joint, else q1, q2, ..."""
-    return signal if n_joints == 1 else f"{signal}{joint + 1}"
 
 
 def _frozen_array(name: str, values: ArrayLike) -> NDArray[np.float64]:
