@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import qr
 
 from ivtools.errors import EstimationError, ShapeError
 
@@ -348,16 +348,17 @@ def _projected(
 
 def _dependent(A: Array) -> list[int]:
     """Return the columns of A that the others span."""
-    p = A.shape[1]
+    if np.linalg.svd(A, compute_uv=False)[-1] > RANK_TOLERANCE:
+        return []
     R, order = qr(A, mode="r", pivoting=True)
     pivots = np.abs(np.diag(R))
-    return sorted(int(i) for i in order[:p][pivots <= RANK_TOLERANCE])
+    return sorted(int(i) for i in order[pivots <= max(RANK_TOLERANCE, pivots[-1])])
 
 
 def _triangle_solve(A: Array, b: Array) -> Array:
     """Return the least-squares solution of A x = b by QR, A (m, p) of full rank."""
     Q, R = np.linalg.qr(A)
-    return solve_triangular(R, Q.T @ b)
+    return np.linalg.solve(R, Q.T @ b)  # R is small; scipy's triangular solver starts threads
 
 
 def _norms(X: Array) -> Array:

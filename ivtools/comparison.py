@@ -1,0 +1,205 @@
+"""Comparison: several results side by side, on their record and on a hold-out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from ivtools.errors import IVToolsError
+from ivtools.tables import WIDTH, Text, table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ivtools.problem import Problem
+    from ivtools.record import Record
+    from ivtools.results import FitResults
+
+SIGNALS = ("position", "velocity", "acceleration", "force")
+LABELS = {
+    ("relative_error", "direct"): "relative error, %",
+    ("relative_error", "cross-test"): "cross-test error, %",
+    ("cost", "iterations"): "iterations",
+    ("cost", "simulations"): "simulations",
+    ("cost", "time_ms"): "time, ms",
+    **{("simulated", s): f"simulated {s}, %" for s in SIGNALS},
+    **{("simulated-holdout", s): f"hold-out {s}, %" for s in SIGNALS},
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison:
+    """Results side by side.
+
+    Attributes
+    ----------
+    frame : DataFrame
+        One column per result; rows by (group, quantity): params, std_errors, relative_error,
+        simulated, simulated-holdout (both in %), cost.
+    results : tuple of FitResults
+        What was compared.
+    notes : tuple of str
+        Simulations that failed.
+    """
+
+    frame: pd.DataFrame
+    results: tuple[FitResults, ...]
+    notes: tuple[str, ...] = ()
+
+    def summary(self) -> Text:
+        """Return a table of at most 80 columns, in blocks if there are many results."""
+        labels = list(self.frame.columns)
+        wide = max(18, *(len(label) for label in labels)) + 2
+        per_block = max(1, (WIDTH - 24) // wide)
+        blocks = [labels[i : i + per_block] for i in range(0, len(labels), per_block)]
+        notes = ["standard errors in parentheses", *self.notes]
+        parts = [
+            table("Comparison", [], ["", *block], self._rows(block), notes * (block is blocks[-1]))
+            for block in blocks
+        ]
+        return Text("\n\n".join(parts), "".join(part.html for part in parts))
+
+    def _column(self, label: str) -> dict[tuple[str, str], float]:
+        """Return the figures of one result by (group, quantity)."""
+        keys = self.frame.index.to_list()
+        return dict(zip(keys, self.frame[label].to_numpy(dtype=float).tolist(), strict=True))
+
+    def _rows(self, labels: Sequence[str]) -> list[list[str]]:
+        """Write the rows of some of the results."""
+        columns = [self._column(label) for label in labels]
+        shown = [key for key in self.frame.index.to_list() if key[0] != "std_errors"]
+        return [[LABELS.get(key, key[1]), *(_cell(column, key) for column in columns)]
+                for key in shown]  # fmt: skip
+
+    def plot(self, **options: Any) -> Figure:
+        """Draw the parameters with their confidence intervals side by side."""
+        from ivtools import plots
+
+        return plots.parameters(self.results, **options)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content as plain objects, ready for JSON; a missing figure is None."""
+        out: dict[str, Any] = {}
+        for label in self.frame.columns:
+            groups: dict[str, dict[str, float | None]] = {}
+            for (group, quantity), value in self._column(label).items():
+                groups.setdefault(group, {})[quantity] = value if np.isfinite(value) else None
+            out[label] = groups
+        return out
+
+    def __repr__(self) -> str:
+        return str(self.summary())
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        return self.summary()._repr_html_()
+
+
+def compare(
+    results: Sequence[FitResults],
+    holdout: Record | Problem | None = None,
+    simulate: bool = True,
+) -> Comparison:
+    """Set results side by side.
+
+    Parameters
+    ----------
+    results : sequence of FitResults
+        Of one record, by different methods or models.
+    holdout : Record or Problem, optional
+        Another record of the same axis: the parameters are tested on it, unchanged.
+    simulate : bool
+        Whether to simulate the closed loop with each result.
+
+    Returns
+    -------
+    Comparison
+        Parameters with deviations; direct, cross-test and simulated relative errors, in %;
+        iterations, simulations and time.
+
+    Raises
+    ------
+    IVToolsError
+        If there is nothing to compare.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ivtools.results import FitResults
+    >>> X, y = np.ones((9, 1)), np.arange(9.0)
+    >>> fit = FitResults.from_solution("idim-ls", [4.0], X, y, names=["offset"])
+    >>> float(compare([fit]).frame.loc[("params", "offset"), "idim-ls"])
+    4.0
+    """
+    results = tuple(results)
+    if not results:
+        raise IVToolsError("compare was given no result; give at least one FitResults")
+    record = getattr(holdout, "record", holdout)
+    notes: list[str] = []
+    columns = {}
+    for label, fit in zip(_labels(results), results, strict=True):
+        columns[label] = _figures(label, fit, record, simulate, notes)
+    names = list(dict.fromkeys(name for fit in results for name in fit.names))
+    order = [(group, name) for name in names for group in ("params", "std_errors")]
+    order += [key for key in LABELS if any(key in column for column in columns.values())]
+    index = pd.MultiIndex.from_tuples(order, names=["group", "quantity"])
+    data = {label: [column.get(key, np.nan) for key in order] for label, column in columns.items()}
+    return Comparison(pd.DataFrame(data, index=index, dtype=float), results, tuple(notes))
+
+
+def _figures(
+    label: str, fit: FitResults, holdout: Record | None, simulate: bool, notes: list[str]
+) -> dict[tuple[str, str], float]:
+    """Return every figure of one result by (group, quantity)."""
+    figures = {("params", str(k)): float(v) for k, v in fit.params.items()}
+    figures |= {("std_errors", str(k)): float(v) for k, v in fit.std_errors.items()}
+    figures["relative_error", "direct"] = fit.relative_error
+    if fit.problem is not None:
+        cases = {"simulated": fit.problem}
+        if holdout is not None:
+            cases["simulated-holdout"] = replace(fit.problem, record=holdout)
+            test = fit.cross_test(cases["simulated-holdout"])
+            figures["relative_error", "cross-test"] = test.relative
+        for group, problem in cases.items() if simulate else ():
+            errors = _simulated_errors(f"{label}, {group}", fit, problem, notes)
+            figures |= {(group, signal): errors[signal] for signal in SIGNALS if signal in errors}
+    figures["cost", "iterations"] = fit.n_iter
+    figures["cost", "simulations"] = fit.n_simulations
+    figures["cost", "time_ms"] = 1e3 * fit.runtime
+    return figures
+
+
+def _simulated_errors(
+    what: str, fit: FitResults, problem: Problem, notes: list[str]
+) -> dict[str, float]:
+    """Simulate the closed loop; a simulation that fails is a note, not an end."""
+    try:
+        return problem.simulate(fit.params.to_numpy()).relative_error(problem.record)
+    except IVToolsError as error:
+        notes.append(f"{what}: {error}")
+        return {}
+
+
+def _labels(results: Sequence[FitResults]) -> list[str]:
+    """Return one label per result: the method, numbered where it occurs again."""
+    seen: dict[str, int] = {}
+    labels = []
+    for fit in results:
+        seen[fit.method] = count = seen.get(fit.method, 0) + 1
+        labels.append(fit.method if count == 1 else f"{fit.method} #{count}")
+    return labels
+
+
+def _cell(column: dict[tuple[str, str], float], key: tuple[str, str]) -> str:
+    """Write one figure, a parameter with its standard error."""
+    value, (group, quantity) = column[key], key
+    if not np.isfinite(value):
+        return "-"
+    if group == "params":
+        return f"{value:.6g} ({column['std_errors', quantity]:.2g})"
+    return f"{value:.0f}" if quantity in ("iterations", "simulations") else f"{value:.4g}"

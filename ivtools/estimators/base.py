@@ -1,0 +1,124 @@
+"""Estimator: what every method has in common, and the register of the methods."""
+
+from __future__ import annotations
+
+import warnings
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from importlib import import_module
+from time import perf_counter
+from typing import TYPE_CHECKING, ClassVar
+
+from ivtools.errors import ConvergenceWarning, EstimationError
+from ivtools.linalg import CovType
+
+if TYPE_CHECKING:
+    from ivtools.problem import Problem
+    from ivtools.results import FitResults
+
+METHODS = {
+    "idim-ls": "least_squares:IDIMLS",
+    "idim-wls": "least_squares:IDIMWLS",
+}
+"""Method names of the command line, each with its module and class in `ivtools.estimators`."""
+
+
+@dataclass(frozen=True)
+class Estimator(ABC):
+    """A method with its settings; one object serves any number of fits in any process.
+
+    A method states its `key` and how to `estimate`; it never filters, prints or plots.
+
+    Parameters
+    ----------
+    cov_type : {"hac", "robust", "classical"}
+        Covariance of the estimates (see `ivtools.linalg.covariance`).
+    """
+
+    key: ClassVar[str]
+
+    cov_type: CovType = "hac"
+
+    def fit(self, problem: Problem) -> FitResults:
+        """Estimate the parameters of a problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            Record, closed loop and pipeline; it is not changed.
+
+        Returns
+        -------
+        FitResults
+            With the time that it took.
+
+        Warns
+        -----
+        ConvergenceWarning
+            If the iteration stopped before its tolerance; `converged` is then False.
+        """
+        start = perf_counter()
+        results = self.estimate(problem)
+        if not results.converged:
+            warnings.warn(
+                f"{self.key} has not converged in {results.n_iter} iterations; "
+                "start closer, or allow more",
+                ConvergenceWarning,
+                stacklevel=2,
+            )
+        return replace(results, runtime=perf_counter() - start)
+
+    @abstractmethod
+    def estimate(self, problem: Problem) -> FitResults:
+        """Return the estimate; `fit` adds the time and the warning."""
+
+
+def estimator_class(key: str) -> type[Estimator]:
+    """Return the class of a method by its name on the command line.
+
+    Examples
+    --------
+    >>> estimator_class("idim-ls")()
+    IDIMLS(cov_type='hac')
+    """
+    if key not in METHODS:
+        raise EstimationError(f"method {key!r} is unknown; use one of {', '.join(METHODS)}")
+    module, name = METHODS[key].split(":")
+    found: type[Estimator] = getattr(import_module(f"ivtools.estimators.{module}"), name)
+    return found
+
+
+def reduce(problem: Problem, estimator: Estimator, limit: float = 10.0) -> FitResults:
+    """Drop the parameters that the record does not show, the least significant first, and refit.
+
+    Parameters
+    ----------
+    problem : Problem
+        With every parameter.
+    estimator : Estimator
+        The method of each fit.
+    limit : float
+        Relative deviation, in %, above which a parameter is dropped.
+
+    Returns
+    -------
+    FitResults
+        Of the reduced model; its notes name what was dropped.
+
+    References
+    ----------
+    W. Khalil, E. Dombre, *Modeling, Identification and Control of Robots*, 2002, ch. 12.
+
+    Examples
+    --------
+    ::
+
+        essential = reduce(problem, IDIMLS(), limit=10.0)
+    """
+    results, dropped = estimator.fit(problem), []
+    while results.not_identifiable(limit) and len(results.names) > 1:
+        worst = str(results.relative_std.fillna(float("inf")).idxmax())
+        dropped.append(f"dropped {worst}: relative deviation {results.relative_std[worst]:.1f} %")
+        problem = problem.select([name for name in results.names if name != worst])
+        results = estimator.fit(problem)
+    return replace(results, notes=(*results.notes, *dropped))

@@ -1,0 +1,144 @@
+"""Text tables of at most 80 columns that show themselves in a terminal and in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+WIDTH = 80
+
+
+class Text(str):
+    """A string whose representation is itself, with an HTML form for notebooks.
+
+    Examples
+    --------
+    >>> Text("a table", html="<table></table>")
+    a table
+    """
+
+    html: str
+
+    def __new__(cls, text: str, html: str = "") -> Text:
+        """Join the two forms."""
+        self = super().__new__(cls, text)
+        self.html = html or f"<pre>{escape(text)}</pre>"
+        return self
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        return self.html
+
+
+def table(
+    title: str,
+    head: Sequence[str],
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    notes: Sequence[str] = (),
+    left: int = 1,
+) -> Text:
+    """Lay out a table: title, free lines, a header with rows, and notes below.
+
+    Parameters
+    ----------
+    title : str
+        Centred above.
+    head : sequence of str
+        Lines between the title and the table.
+    header, rows : sequences of str
+        Cells.
+    notes : sequence of str
+        Lines under the table, wrapped.
+    left : int
+        Number of leading columns aligned to the left; the others are aligned to the right.
+
+    Returns
+    -------
+    Text
+        At most 80 columns wide; the first column is shortened if need be.
+
+    Examples
+    --------
+    >>> print(table("T", [], ["", "value"], [["inertia", "95.1"]]))
+          T
+    ==============
+             value
+    --------------
+    inertia   95.1
+    ==============
+    """
+    cells = [list(header), *[list(row) for row in rows]]
+    widths = [max(len(row[j]) for row in cells) for j in range(len(header))]
+    others = sum(widths[1:]) + 2 * (len(widths) - 1)
+    widths[0] = min(widths[0], max(WIDTH - others, 8))
+    lines = [_line(row, widths, left) for row in cells]
+    width = min(WIDTH, max(map(len, [*lines, *head, title])))
+    body = [lines[0], "-" * width, *lines[1:]]
+    top = [title.center(width).rstrip(), "=" * width]
+    if head:
+        top += [*head, "-" * width]
+    text = "\n".join([*top, *body, "=" * width, *_wrapped(notes)])
+    return Text(text, _html(title, head, cells, notes, left))
+
+
+def two_columns(pairs: Sequence[tuple[str, str]]) -> list[str]:
+    """Write labelled values in two columns of 38 characters.
+
+    Examples
+    --------
+    >>> two_columns([("Rows", "2480"), ("Error", "4.08 %")])
+    ['Rows:                            2480    Error:                         4.08 %']
+    """
+    cells = [f"{label}:{value:>{37 - len(label)}}" for label, value in pairs]
+    cells += [""] * (len(cells) % 2)
+    return [f"{a}    {b}".rstrip() for a, b in zip(cells[::2], cells[1::2], strict=True)]
+
+
+def _line(row: Sequence[str], widths: Sequence[int], left: int) -> str:
+    """Write one row, two spaces between the columns."""
+    cells = [_shortened(row[0], widths[0]), *row[1:]]
+    padded = [
+        cell.ljust(width) if j < left else cell.rjust(width)
+        for j, (cell, width) in enumerate(zip(cells, widths, strict=True))
+    ]
+    return "  ".join(padded).rstrip()
+
+
+def _shortened(text: str, width: int) -> str:
+    """Cut a text that is too long."""
+    return text if len(text) <= width else text[: width - 1] + "~"
+
+
+def _wrapped(notes: Sequence[str]) -> list[str]:
+    """Break notes into lines."""
+    from textwrap import wrap
+
+    return [line for note in notes for line in wrap(note, WIDTH, subsequent_indent="  ")]
+
+
+def _html(
+    title: str,
+    head: Sequence[str],
+    cells: Sequence[Sequence[str]],
+    notes: Sequence[str],
+    left: int,
+) -> str:
+    """Write the same table as HTML."""
+
+    def row(content: Sequence[str], tag: str) -> str:
+        aligned = [
+            f'<{tag} style="text-align:{"left" if j < left else "right"}">{escape(cell)}</{tag}>'
+            for j, cell in enumerate(content)
+        ]
+        return f"<tr>{''.join(aligned)}</tr>"
+
+    lines = f"<pre>{escape(chr(10).join(head))}</pre>" if head else ""
+    body = "".join(row(content, "td") for content in cells[1:])
+    below = "".join(f"<p>{escape(note)}</p>" for note in notes)
+    return (
+        f'<div class="ivtools"><strong>{escape(title)}</strong>{lines}'
+        f"<table><thead>{row(cells[0], 'th')}</thead><tbody>{body}</tbody></table>{below}</div>"
+    )
