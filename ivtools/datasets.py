@@ -1,0 +1,357 @@
+"""Registered data sets: where they come from, how to get them, and that they are the right ones.
+
+A file is looked for in the folder given, in ``$IVTOOLS_DATA`` and in the user's cache, and else
+downloaded into the cache. Every file is checked by its SHA-256 each time it is used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ivtools.errors import DataError
+from ivtools.record import Record
+
+__all__ = ["REGISTRY", "DataSet", "emps", "emps_pulses", "fetch", "find", "load", "path", "twin"]
+
+FOLDER_VARIABLE = "IVTOOLS_DATA"
+MIRROR_VARIABLE = "IVTOOLS_MIRROR"
+SITE = "https://www.nonlinearbenchmark.org/benchmarks/emps"
+EMPS_ARCHIVE = "https://drive.google.com/uc?export=download&id=1zwoXYa9-3f8NQ0ohzmjpF7UxbNgRTHkS"
+EMPS_CITATION = (
+    "A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, "
+    "2019 Workshop on Nonlinear System Identification Benchmarks, Eindhoven, 2019"
+)
+EMPS_LICENCE = "published for benchmarking; not re-distributed with ivtools"
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """What is known about a registered data set.
+
+    Attributes
+    ----------
+    name : str
+        Name in the registry and on the command line.
+    title : str
+        What it is.
+    filename, sha256 : str
+        The file and its checksum; empty for a simulated data set, which has none.
+    origin : str
+        Where a person finds it.
+    archive : str
+        Address of the zip archive that holds the file.
+    licence, citation : str
+        Terms of use and what to cite.
+    axis : str
+        The registered axis it was recorded on.
+    """
+
+    name: str
+    title: str
+    filename: str
+    sha256: str
+    origin: str
+    archive: str
+    licence: str
+    citation: str
+    axis: str
+
+
+#: The registered data sets by name.
+REGISTRY: dict[str, DataSet] = {
+    data_set.name: data_set
+    for data_set in (
+        DataSet(
+            name="emps",
+            title="EMPS, measured: estimation record",
+            filename="DATA_EMPS.mat",
+            sha256="6cf6814ae14618795da0101aae2bb97ff0c6351b0501b5492751b02b07facf7e",
+            origin=SITE,
+            archive=EMPS_ARCHIVE,
+            licence=EMPS_LICENCE,
+            citation=EMPS_CITATION,
+            axis="emps",
+        ),
+        DataSet(
+            name="emps-pulses",
+            title="EMPS, measured: validation record with pulses added to the command",
+            filename="DATA_EMPS_PULSES.mat",
+            sha256="0eab75bb1f6b16228ee78791343a88bf9bfd9a51036ac9807d7b5fc11c0e1704",
+            origin=SITE,
+            archive=EMPS_ARCHIVE,
+            licence=EMPS_LICENCE,
+            citation=EMPS_CITATION,
+            axis="emps",
+        ),
+        DataSet(
+            name="twin",
+            title="EMPS-like axis, simulated: known parameters, asymmetric friction, noise",
+            filename="",
+            sha256="",
+            origin="simulated by ivtools",
+            archive="",
+            licence="BSD-3-Clause",
+            citation="ivtools",
+            axis="emps",
+        ),
+    )
+}
+
+
+def emps(data: str | Path | None = None) -> Record:
+    """Return the estimation record of the EMPS, 24841 samples at 1 kHz; q in m, nu in V.
+
+    Parameters
+    ----------
+    data : str or Path, optional
+        Folder that holds the file.
+
+    Raises
+    ------
+    DataError
+        The file is not there and cannot be downloaded, or it is not the right one.
+    """
+    return load("emps", data)
+
+
+def emps_pulses(data: str | Path | None = None) -> Record:
+    """Return the validation record of the EMPS: as `emps`, with pulses in ``added``, V.
+
+    The file calls them newtons; only as volts after the saturation do they reproduce the record.
+    """
+    return load("emps-pulses", data)
+
+
+def load(
+    name: str | Path,
+    data: str | Path | None = None,
+    columns: Mapping[str, str] | None = None,
+) -> Record:
+    """Return the record of a registered data set, or of a file.
+
+    Parameters
+    ----------
+    name : str or Path
+        ``emps``, ``emps-pulses``, ``twin``, or a record file.
+    data : str or Path, optional
+        Folder to look in first.
+    columns : mapping of str to str, optional
+        Foreign column names of a file, ours = theirs.
+
+    Raises
+    ------
+    DataError
+        Neither a data set nor a readable file.
+    RecordError, ShapeError
+        The content breaks a rule of `Record`.
+    """
+    if name == "twin":
+        return twin()
+    if name in REGISTRY:
+        return Record.read(path(str(name), data)).replace(name=str(name))
+    if not Path(name).suffix and not Path(name).exists():
+        raise DataError(f"{name} is neither a file nor a data set; data sets: {_known()}")
+    return Record.read(name, columns)
+
+
+def path(name: str, data: str | Path | None = None) -> Path:
+    """Return the verified file of a data set, downloading it if it is nowhere.
+
+    Raises
+    ------
+    DataError
+        The file is not there and cannot be downloaded, or it is not the right one.
+    """
+    return find(name, data) or fetch(name)
+
+
+def find(name: str, data: str | Path | None = None) -> Path | None:
+    """Return the verified file of a data set if this machine has it, else None.
+
+    Raises
+    ------
+    DataError
+        A folder that was named does not exist, or the file found is not the right one.
+    """
+    data_set = _registered(name)
+    for folder in _folders(data):
+        file = folder / data_set.filename
+        if file.is_file():
+            return _verified(file, data_set)
+    return None
+
+
+def fetch(name: str, url: str | None = None) -> Path:
+    """Return the file of a data set in the user's cache, downloading it if need be.
+
+    Parameters
+    ----------
+    name : str
+        Name in the registry.
+    url : str, optional
+        Address of a zip archive that holds the file; default ``$IVTOOLS_MIRROR``, else the
+        archive of the data set's authors.
+
+    Raises
+    ------
+    DataError
+        The download failed or is not the right file; nothing of it stays in the cache.
+    """
+    data_set, cache = _registered(name), _cache()
+    file = cache / data_set.filename
+    if file.is_file():
+        return _verified(file, data_set)
+    url = url or os.environ.get(MIRROR_VARIABLE) or data_set.archive
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=cache, prefix="download-") as folder:
+            part = _extract(_download(url, Path(folder)), data_set)
+            return _verified(part, data_set, url).replace(file)
+    except (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        raise DataError(
+            f"{data_set.filename} is not on this machine and cannot be downloaded from {url} "
+            f"({reason}); get it from {data_set.origin}, SHA-256 {data_set.sha256}, and put it in "
+            f"{cache}, or name its folder with --data or {FOLDER_VARIABLE}"
+        ) from error
+
+
+def twin() -> Record:
+    """Return a simulated record of an EMPS-like axis; the same one every time.
+
+    The axis of ``emps.toml`` with asymmetric friction follows trapezoidal moves of up to 0.24 m
+    and 0.15 m/s for 24.84 s at 1 kHz. The encoder resolves 5e-8 m and white noise of 2 N standard
+    deviation acts beside the drive force. ``theta_true`` has the true parameters in SI units.
+
+    Examples
+    --------
+    >>> record = twin()
+    >>> record.n_samples, record.theta_true["inertia"]
+    (24841, 95.0)
+    """
+    from ivtools import axes
+
+    theta = {
+        "inertia": 95.0,
+        "viscous_pos": 165.0,
+        "coulomb_pos": 20.0,
+        "viscous_neg": 240.0,
+        "coulomb_neg": 21.0,
+    }
+    t = np.arange(24841) / 1000.0
+    q_ref = _moves(t)
+    noise = np.random.default_rng(np.random.SeedSequence(list(b"twin"))).normal(0.0, 2.0, t.size)
+    sim = (
+        axes.emps()
+        .with_terms("inertia", "asymmetric-friction")
+        .simulate(
+            Record(t, q=q_ref, q_ref=q_ref, nu=q_ref),  # of which the simulation uses the reference
+            theta,
+            initial="rest",
+            force_noise=noise,
+            quantum=5e-8,
+        )
+    )
+    return Record(t, sim.q, q_ref=q_ref, nu=sim.nu, name="twin", theta_true=theta)
+
+
+def _moves(t: np.ndarray) -> np.ndarray:
+    """Return a position reference, m: trapezoidal moves out and back, slower and shorter each.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Time, s.
+    """
+    acceleration = 1.2  # m/s2
+    strokes = (0.24, 0.20, 0.16, 0.12, 0.06, 0.03, 0.01)  # m
+    speeds = (0.15, 0.12, 0.09, 0.06, 0.04, 0.02, 0.01)  # m/s
+    position, start = np.zeros_like(t), 0.0
+    while start < t[-1]:
+        for stroke, speed in zip(strokes, speeds, strict=True):
+            ramp, cruise = speed / acceleration, stroke / speed
+            for sign in (1.0, -1.0):
+                # the integral of a trapezoid: a box of length `cruise` smoothed over `ramp`
+                rise = _smooth_step(t - start, ramp) - _smooth_step(t - start - cruise, ramp)
+                position += sign * speed * rise
+                start += cruise + ramp
+    return position
+
+
+def _smooth_step(t: np.ndarray, ramp: float) -> np.ndarray:
+    """Return the integral of a velocity that rises from 0 to 1 within ``ramp`` seconds."""
+    return np.where(t < ramp, 0.5 * np.clip(t, 0.0, ramp) ** 2 / ramp, t - 0.5 * ramp)
+
+
+def _known() -> str:
+    return ", ".join(REGISTRY)
+
+
+def _registered(name: str) -> DataSet:
+    if name not in REGISTRY:
+        raise DataError(f"{name!r} is no registered data set; data sets: {_known()}")
+    if not REGISTRY[name].filename:
+        raise DataError(f"{name} is simulated and has no file; use it by its name")
+    return REGISTRY[name]
+
+
+def _cache() -> Path:
+    import pooch
+
+    return Path(pooch.os_cache("ivtools"))
+
+
+def _folders(data: str | Path | None) -> Iterator[Path]:
+    """Yield the folders to look in, in order; those that were named must exist."""
+    named = {"--data": data, FOLDER_VARIABLE: os.environ.get(FOLDER_VARIABLE)}
+    for source, folder in named.items():
+        if folder:
+            if not Path(folder).expanduser().is_dir():
+                raise DataError(f"{source} names {folder}, which is no folder; mend or unset it")
+            yield Path(folder).expanduser()
+    yield _cache()
+
+
+def _verified(file: Path, data_set: DataSet, source: str | None = None) -> Path:
+    found = hashlib.sha256(file.read_bytes()).hexdigest()
+    if found == data_set.sha256:
+        return file
+    remedy = "try again or get it from" if source else "delete it and fetch it again, or see"
+    raise DataError(
+        f"{data_set.filename} from {source or file.parent} is not the file that is registered: "
+        f"SHA-256 {found}, expected {data_set.sha256}; {remedy} {data_set.origin}"
+    )
+
+
+def _download(url: str, folder: Path) -> Path:
+    """Download an archive whose checksum is not known; its members are checked instead."""
+    import pooch
+
+    pooch.get_logger().setLevel("WARNING")
+    downloader = pooch.HTTPDownloader(timeout=30)
+    try:
+        return Path(
+            pooch.retrieve(url, None, fname="archive.zip", path=folder, downloader=downloader)
+        )
+    except ValueError as error:  # an address that is none
+        raise OSError(str(error)) from error
+
+
+def _extract(archive: Path, data_set: DataSet) -> Path:
+    """Extract one member, in whatever folder of the archive it lies."""
+    with zipfile.ZipFile(archive) as content:
+        for member in content.infolist():
+            if Path(member.filename).name == data_set.filename:
+                file = archive.with_name(data_set.filename)
+                file.write_bytes(content.read(member))
+                return file
+    raise OSError(f"the archive holds no {data_set.filename}")
