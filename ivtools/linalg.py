@@ -121,20 +121,42 @@ def covariance(
     """
     X, resids, Z = weighted(*check_system(X, resids, Z), weights)
     n, p = X.shape
-    A, Q, scale = _projected(X, Z)
-    bread = _triangle_solve(A, np.eye(len(A))) / scale[:, np.newaxis]  # (p, m)
+    rows = influence(X, Z)  # (N, p)
     if cov_type == "classical":
-        return _variance(resids, p, debiased) * bread @ bread.T
-    scores = Q * resids[:, np.newaxis]  # (N, m)
+        return _variance(resids, p, debiased) * rows.T @ rows
+    scores = rows * resids[:, np.newaxis]  # (N, p)
+    return score_covariance(scores, cov_type, bandwidth) * (n / (n - p) if debiased else 1.0)
+
+
+def influence(X: Array, Z: Array | None = None) -> Array:
+    """Return the rows (N, p) whose product with y is the estimate: theta = influence' y.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> influence(np.ones((4, 1))).ravel().round(12)
+    array([0.25, 0.25, 0.25, 0.25])
+    """
+    A, Q, scale = _projected(X, Z)
+    return Q @ _triangle_solve(A, np.eye(len(A))).T / scale
+
+
+def score_covariance(scores: Array, cov_type: CovType, bandwidth: int | None = None) -> Array:
+    """Return the covariance of the sum of scores (N, m), robust or HAC.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> score_covariance(np.array([[1.0], [-2.0]]), "robust")
+    array([[5.]])
+    """
     if cov_type == "robust":
-        meat = scores.T @ scores
-    elif cov_type == "hac":
-        influence = scores @ bread.T  # (N, p)
-        lags = automatic_bandwidth(influence) if bandwidth is None else bandwidth
-        meat = long_run_variance(scores, lags)
-    else:
+        return scores.T @ scores
+    if cov_type != "hac":
         raise EstimationError(f"cov_type = {cov_type!r} is unknown; use hac, robust or classical")
-    return bread @ meat @ bread.T * (n / (n - p) if debiased else 1.0)
+    return long_run_variance(
+        scores, automatic_bandwidth(scores) if bandwidth is None else bandwidth
+    )
 
 
 def long_run_variance(scores: Array, bandwidth: int) -> Array:

@@ -114,8 +114,9 @@ class ErrorFigures(NamedTuple):
     @classmethod
     def of(cls, error: Array, y: Array) -> ErrorFigures:
         """Measure an error (N,) against the measurement y (N,)."""
-        norm = float(np.linalg.norm(error))
-        return cls(norm, 100.0 * norm / float(np.linalg.norm(y)), float(np.std(error, ddof=1)))
+        norm, size = float(np.linalg.norm(error)), float(np.linalg.norm(y))
+        relative = 100.0 * norm / size if size else (math.inf if norm else 0.0)
+        return cls(norm, relative, float(np.std(error, ddof=1)))
 
 
 def _test(name: str, summary: str) -> Callable[..., TestResult]:
