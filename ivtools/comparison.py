@@ -179,7 +179,8 @@ def _simulated_errors(
 ) -> dict[str, float]:
     """Simulate the closed loop; a simulation that fails is a note, not an end."""
     try:
-        return problem.simulate(fit.params.to_numpy()).relative_error(problem.record)
+        simulation = problem.simulate(fit.params.to_numpy())
+        return simulation.relative_error(problem.record, problem.pipeline)
     except IVToolsError as error:
         notes.append(f"{what}: {error}")
         return {}

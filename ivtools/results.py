@@ -205,7 +205,9 @@ class FitResults:
         X: Array,
         y: Array,
         *,
-        names: Sequence[str],
+        problem: Problem | None = None,
+        names: Sequence[str] | None = None,
+        units: Mapping[str, str] | Sequence[str] | None = None,
         Z: Array | None = None,
         weights: Array | None = None,
         cov_type: linalg.CovType = "hac",
@@ -213,9 +215,15 @@ class FitResults:
     ) -> FitResults:
         """Complete a solution theta (p,) by its residuals and covariance.
 
-        `status` holds any other attribute. The arrays are not copied.
+        Names and units are those of the problem unless they are given; `status` holds any other
+        attribute. The arrays are not copied.
         """
-        index = pd.Index(list(names))
+        if problem is not None:
+            names = problem.names if names is None else names
+            units = problem.units if units is None else units
+        index = pd.Index(list(names or range(X.shape[1])))
+        if isinstance(units, Mapping):
+            units = [units[name] for name in index]
         resids = y - X @ np.asarray(theta, dtype=float)  # (N,)
         cov = linalg.covariance(X, resids, Z, cov_type, weights=weights)
         return cls(
@@ -228,6 +236,8 @@ class FitResults:
             resids=resids,
             Z=Z,
             weights=weights,
+            units=tuple(units or ()),
+            problem=problem,
             **status,
         )
 

@@ -24,6 +24,8 @@ class StubProblem:
 
     record: int
     pipeline: Pipeline = Pipeline(None, 10)  # noqa: RUF009
+    names: tuple = NAMES
+    units: tuple = UNITS
 
     @property
     def columns(self):
@@ -50,7 +52,7 @@ class StubProblem:
 class StubSimulation:
     size: float
 
-    def relative_error(self, record):
+    def relative_error(self, record, pipeline):
         signals = ("position", "velocity", "acceleration", "force")
         return {s: self.size + record + i for i, s in enumerate(signals)}
 
@@ -59,9 +61,7 @@ def fitted(method="idim-ls", seed=0, **status):
     problem = StubProblem(seed)
     X, y = problem.X, problem.y
     theta = np.linalg.lstsq(X, y)[0]
-    return FitResults.from_solution(
-        method, theta, X, y, names=NAMES, units=UNITS, problem=problem, **status
-    )
+    return FitResults.from_solution(method, theta, X, y, problem=problem, **status)
 
 
 def lines(text):
@@ -72,6 +72,7 @@ def lines(text):
 def test_derived_figures():
     fit = fitted()
     assert fit.names == NAMES
+    assert fit.units == UNITS
     assert fit.nobs == 300
     np.testing.assert_allclose(fit.fitted + fit.resids, fit.y)
     np.testing.assert_allclose(fit.std_errors**2, np.diag(fit.cov))
@@ -102,6 +103,12 @@ def test_abs_diag_r_is_that_before_decimation():
 def test_a_result_cannot_be_changed():
     with pytest.raises(FrozenInstanceError):
         fitted().method = "other"
+
+
+def test_units_may_come_by_name():
+    problem = replace(StubProblem(0), units=dict(zip(NAMES, UNITS, strict=True)))
+    fit = FitResults.from_solution("idim-ls", np.ones(4), problem.X, problem.y, problem=problem)
+    assert fit.units == UNITS
 
 
 def test_another_covariance_leaves_the_estimate_alone():

@@ -50,14 +50,7 @@ class IDIMLS(Estimator):
         X, y = problem.X, problem.y
         theta = solve_iv(X, y, names=problem.names)
         return FitResults.from_solution(
-            self.key,
-            theta,
-            X,
-            y,
-            names=problem.names,
-            units=tuple(problem.units),
-            cov_type=self.cov_type,
-            problem=problem,
+            self.key, theta, X, y, problem=problem, cov_type=self.cov_type
         )
 
 
@@ -111,11 +104,9 @@ class IDIMWLS(Estimator):
             theta,
             X,
             y,
-            names=problem.names,
-            units=tuple(problem.units),
+            problem=problem,
             weights=weights,
             cov_type=self.cov_type,
-            problem=problem,
             n_iter=n_iter,
             converged=converged,
         )
