@@ -1,0 +1,109 @@
+"""Axis files: everything known about an axis, in TOML."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import AxisError
+from .closed_loop import ClosedLoop
+from .controllers import KINDS, Controller
+
+_TABLES: dict[str, tuple[str, ...]] = {
+    "axis": ("name", "joint"),
+    "record": ("columns",),
+    "controller": ("kind", "velocity_filter", "delay", "limit"),
+    "drive": ("gain", "delay"),
+    "model": ("terms", "start"),
+}
+_REQUIRED = {"controller": ("kind",), "drive": ("gain",)}
+_SETTINGS = {key for kind in KINDS.values() for key in kind.needs}
+
+
+def read(path: str | Path) -> ClosedLoop:
+    """Read an axis file.
+
+    Raises
+    ------
+    AxisError
+        If the file cannot be read, is not TOML, lacks a key, or has an unknown one.
+    """
+    try:
+        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise AxisError(f"axis file {path}: {error.strerror or error}; give the path of a TOML file") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise AxisError(f"axis file {path} is not TOML: {error}") from error
+    try:
+        return from_tables(tables)
+    except AxisError as error:
+        raise AxisError(f"axis file {path}: {error}") from error
+
+
+def from_tables(tables: Mapping[str, Any]) -> ClosedLoop:
+    """Make the loop that the tables of an axis file describe."""
+    _check(tables)
+    axis, drive = tables.get("axis", {}), tables["drive"]
+    model = tables.get("model", {})
+    terms = model.get("terms", ["inertia", "viscous", "coulomb", "offset"])
+    if not (isinstance(terms, list) and terms and all(isinstance(t, str) for t in terms)):
+        raise AxisError(f"[model] terms = {terms!r}; give a list of term names")
+    start = _mapping("model.start", model.get("start", {}))
+    return ClosedLoop(
+        controller=_controller(tables["controller"]),
+        gain=_number("drive", "gain", drive["gain"]),
+        terms=tuple(terms),
+        name=str(axis.get("name", "axis")),
+        joint=axis.get("joint", "prismatic"),
+        delay=_number("drive", "delay", drive.get("delay", 0.0)),
+        start={key: _number("model.start", key, value) for key, value in start.items()},
+        columns={
+            str(k): str(v)
+            for k, v in _mapping("record.columns", tables.get("record", {}).get("columns", {})).items()
+        },
+    )
+
+
+def _check(tables: Mapping[str, Any]) -> None:
+    """Refuse what is unknown, and name what is missing."""
+    for table, content in tables.items():
+        if table not in _TABLES:
+            raise AxisError(f"[{table}] is not known; known tables: {', '.join(_TABLES)}")
+        known = {*_TABLES[table], *(_SETTINGS if table == "controller" else ())}
+        for key in _mapping(table, content):
+            if key not in known:
+                raise AxisError(f"[{table}] does not know {key!r}; it knows: {', '.join(sorted(known))}")
+    for table, keys in _REQUIRED.items():
+        for key in keys:
+            if key not in tables.get(table, {}):
+                raise AxisError(f"[{table}] {key} is missing; every axis needs it")
+
+
+def _controller(table: Mapping[str, Any]) -> Controller:
+    settings = {k: v for k, v in table.items() if k in _SETTINGS}
+    taps = table.get("velocity_filter", [1.0])
+    if not isinstance(taps, list):
+        raise AxisError(f"[controller] velocity_filter = {taps!r}; give a list of FIR weights")
+    if not isinstance(table["kind"], str):
+        raise AxisError(f"[controller] kind = {table['kind']!r}; give one of {', '.join(KINDS)}")
+    return Controller(
+        kind=table["kind"],
+        settings={k: v if isinstance(v, list) else _number("controller", k, v) for k, v in settings.items()},
+        velocity_filter=tuple(_number("controller", "velocity_filter", v) for v in taps),
+        delay=table.get("delay", 0),
+        limit=_number("controller", "limit", table.get("limit", float("inf"))),
+    )
+
+
+def _mapping(name: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise AxisError(f"[{name}] is {value!r}; it is a table of keys and values")
+    return value
+
+
+def _number(table: str, key: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise AxisError(f"[{table}] {key} = {value!r} is not a number")
+    return float(value)

@@ -1,0 +1,171 @@
+"""From a loop and a record to the compiled kernel's arguments, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import AxisError, RecordError, ShapeError
+from ..physics import TERMS, Term
+from ..record import Record
+from . import kernel, mechanics
+from .controllers import Controller
+from .simulation import Simulation
+
+if TYPE_CHECKING:
+    from .closed_loop import ClosedLoop, Initial
+
+Array = NDArray[np.float64]
+
+_START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
+
+
+class Plant(NamedTuple):
+    """What the compiled functions want to know of drive, mechanics and sensor."""
+
+    p: np.void  # every parameter, mechanics.PARAMETERS
+    on: np.void  # which effects act, mechanics.FLAGS
+    user: Callable[..., float]  # a user's own law
+
+
+def plant(loop: ClosedLoop, values: Mapping[str, float], general: bool = False) -> Plant:
+    """Collect the parameters of drive and mechanics for the kernel.
+
+    `general` asks for the general integrator where the closed form would do.
+
+    Raises
+    ------
+    AxisError
+        If the model has no inertia, it is not positive, or own terms have too many parameters.
+    """
+    if not values.get("inertia", 0.0) > 0.0:
+        raise AxisError(
+            f"inertia is {values.get('inertia', 'missing')}; a simulation needs a positive one"
+        )
+    p, on = np.zeros(1, mechanics.PARAMETERS)[0], np.zeros(1, mechanics.FLAGS)[0]
+    p["gain"], p["delay"] = loop.gain, loop.delay
+    mine = tuple(term for term in loop.terms if TERMS.get(term.name) is not term)
+    for term in loop.terms:
+        if term not in mine:
+            on[term.name] = True
+            for name in term.names:
+                p[name] = values[name]
+    own = [values[name] for term in mine for name in term.names]
+    if len(own) > len(mechanics.OWN):
+        raise AxisError(f"own terms have {len(own)} parameters; at most {len(mechanics.OWN)} fit")
+    for name, value in zip(mechanics.OWN, own, strict=False):
+        p[name] = value
+    on["own"] = bool(mine)
+    on["forces"] = any(t.law is not None and t.name not in mechanics.PLAIN for t in loop.terms)
+    on["effects"] = general or loop.delay > 0.0 or on["forces"] or any(on[name] for name in mechanics.STRUCTURAL)
+    return Plant(p, on, _compile(mine) if mine else mechanics.no_law)
+
+
+@lru_cache(maxsize=16)
+def _compile(terms: tuple[Term, ...]) -> Callable[..., float]:
+    for term in terms:
+        if term.law is None:
+            raise AxisError(f"{term.name} has no law; a term of your own needs one to be simulated")
+    return mechanics.user_law(terms)
+
+
+def simulate(
+    loop: ClosedLoop,
+    record: Record,
+    values: Mapping[str, float],
+    *,
+    initial: Initial,
+    substeps: int | None,
+    position_noise: ArrayLike | None,
+    force_noise: ArrayLike | None,
+    quantum: float,
+    ramp: bool,
+) -> Simulation:
+    """Run the kernel; see `ClosedLoop.simulate`."""
+    if record.n_joints != 1:
+        raise ShapeError(f"the record has {record.n_joints} joints; a loop simulates one")
+    if record.q_ref is None:
+        raise RecordError("q_ref is missing; the closed loop is driven by the position reference")
+    n, dt = record.n_samples, record.dt
+    controller = effective_controller(loop, values)
+    law = controller.law(dt)
+    q_ref, added = record.q_ref[:, 0], _column(record.added, n)
+    dq_ref = _column(record.dq_ref, n) if record.dq_ref is not None else np.gradient(q_ref, dt)
+    q0, v0, first = _initial(loop, record, initial, controller.delay, added)
+    limit = min(controller.limit, values.get("saturation.limit", np.inf))
+    out = np.empty((4, n))
+    kernel.run(
+        dt,
+        substeps or loop.substeps,
+        q_ref,
+        dq_ref,
+        added * (1.0 + values.get("controller-mismatch.added", 0.0)),
+        ramp,
+        _noise("position_noise", position_noise, n),
+        _noise("force_noise", force_noise, n),
+        float(quantum),
+        law.gains,
+        law.taps,
+        law.A,
+        law.B,
+        law.C,
+        law.D,
+        controller.delay,
+        limit,
+        q0,
+        v0,
+        first,
+        *plant(loop, values, general=ramp),
+        out,
+    )
+    q, dq, ddq, nu = out[:, :, None]
+    return Simulation(record.t, q, dq, ddq, nu, loop.gain * nu, loop)
+
+
+def effective_controller(loop: ClosedLoop, values: Mapping[str, float]) -> Controller:
+    """Return the controller, with the mismatch that the model gives it."""
+    changes = {
+        key: values.get(f"controller-mismatch.{key}", 0.0) for key in ("kp", "kv", "velocity_filter")
+    }
+    return loop.controller.with_mismatch(**changes) if any(changes.values()) else loop.controller
+
+
+def _initial(
+    loop: ClosedLoop, record: Record, initial: Any, delay: int, added: Array
+) -> tuple[float, float, Array]:
+    """Return position, velocity, and the commands that the controller gave before the record."""
+    assert record.q_ref is not None  # the caller has looked
+    if initial == "record":
+        recorded = loop.command(record)[:, 0] - added
+        first = np.append(recorded[:delay], recorded[0])
+        return (*_state(record.q[: _START_SAMPLES + 1, 0], record.dt), first)
+    if initial == "rest":
+        return float(record.q_ref[0, 0]), 0.0, np.zeros(delay + 1)
+    try:
+        q0, v0 = (float(x) for x in initial)
+    except (TypeError, ValueError):
+        raise AxisError(f"initial is {initial!r}; it is 'record', 'rest' or (q, dq)") from None
+    return q0, v0, np.zeros(delay + 1)
+
+
+def _state(q: Array, dt: float) -> tuple[float, float]:
+    k = np.arange(len(q))
+    slope, start = np.polynomial.polynomial.polyfit(k, q - q[0], 2)[1::-1]
+    return float(start + q[0]), float(slope / dt)
+
+
+def _column(signal: Array | None, n: int) -> Array:
+    return np.zeros(n) if signal is None else np.ascontiguousarray(signal[:, 0])
+
+
+def _noise(name: str, noise: ArrayLike | None, n: int) -> Array:
+    if noise is None:
+        return np.zeros(0)
+    array = np.ravel(np.asarray(noise, dtype=float))
+    if len(array) != n:
+        raise ShapeError(f"{name} has {len(array)} samples and the record {n}; both must match")
+    return array

@@ -1,0 +1,164 @@
+"""The compiled twin of the closed loop.
+
+Controller, drive, mechanics and sensor in one compiled loop over the samples. The python-control
+model of the loop calls the same `plant_step`, so that both engines are the same functions.
+"""
+
+# Compiled functions carry no annotations: Numba infers them, and mypy cannot see through it.
+# mypy: disallow-untyped-defs=False, disallow-untyped-calls=False
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import platformdirs
+from numba import boolean, config, float64, from_dtype, int64, njit, types, void
+
+from ..physics.sensor import encoder
+from .integrator import drive_delay, plant_step
+from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW
+
+
+def _cached(signature):
+    """Compile once per version of the physics, in the user's cache.
+
+    Numba notices a change in the compiled function's own file only; the laws live elsewhere, so
+    the folder's name carries the digest of all of them.
+    """
+
+    def decorate(function):
+        here = Path(__file__).parent
+        sources = sorted([*here.glob("*.py"), *(here.parent / "physics").glob("*.py")])
+        digest = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()[:12]
+        default = config.CACHE_DIR
+        try:
+            config.CACHE_DIR = default or platformdirs.user_cache_dir(f"ivtools/kernel-{digest}")
+            return njit(signature, cache=True, nogil=True, error_model="numpy")(function)
+        finally:
+            config.CACHE_DIR = default
+
+    return decorate
+
+
+
+
+@njit(error_model="numpy")
+def measure(q, noise, quantum, p, on):
+    """Return the position that the encoder reports, m or rad."""
+    if on["encoder-eccentricity"]:
+        q = encoder(q, p["encoder-eccentricity.cosine"], p["encoder-eccentricity.sine"], p["encoder-eccentricity.period"])
+    q += noise
+    return np.floor(q / quantum + 0.5) * quantum if quantum > 0.0 else q
+
+
+_VECTOR = types.Array(float64, 1, "C", readonly=True)
+_MATRIX = types.Array(float64, 2, "C", readonly=True)
+
+
+@_cached(
+    void(
+        float64,
+        int64,
+        _VECTOR,
+        _VECTOR,
+        _VECTOR,
+        boolean,
+        _VECTOR,
+        _VECTOR,
+        float64,
+        float64[::1],
+        float64[::1],
+        _MATRIX,
+        _MATRIX,
+        _VECTOR,
+        _VECTOR,
+        int64,
+        float64,
+        float64,
+        float64,
+        float64[::1],
+        from_dtype(PARAMETERS),
+        from_dtype(FLAGS),
+        types.FunctionType(SCALAR_LAW),
+        float64[:, ::1],
+    )
+)
+def run(
+    dt,
+    n,
+    q_ref,
+    dq_ref,
+    added,
+    ramp,
+    position_noise,
+    force_noise,
+    quantum,
+    gains,
+    taps,
+    a_matrix,
+    b_matrix,
+    c_row,
+    d_row,
+    delay,
+    limit,
+    q_start,
+    v_start,
+    first,
+    p,
+    on,
+    user,
+    out,
+):
+    """Simulate the closed loop; fill out with the rows q, dq, ddq, nu.
+
+    The control law is ``gains @ (q_ref, dq_ref) + taps @ (q, q one sample ago, ...)`` plus a
+    state-space part with inputs (q_ref, q). `first` holds the commands, added inputs excluded,
+    that precede the law's own: `delay` of them, then the one before the record.
+    """
+    samples, past = q_ref.size, np.empty(taps.size)
+    inner, following = np.zeros(c_row.size), np.zeros(c_row.size)
+    law = np.empty(samples)
+    x, force = (q_start, v_start, q_start, v_start, 0.0), p["gain"] * first[delay]
+    whole, part = drive_delay(dt, p, on)
+    for i in range(taps.size):
+        past[i] = measure(q_start - i * dt * v_start, 0.0, 0.0, p, on)
+    for k in range(samples):
+        noise = position_noise[k] if position_noise.size else 0.0
+        for i in range(taps.size - 1, 0, -1):
+            past[i] = past[i - 1] if k else past[i]
+        past[0] = measure(x[0], noise, quantum, p, on)
+        value = gains[0] * q_ref[k] + gains[1] * dq_ref[k]
+        for i in range(taps.size):
+            value += taps[i] * past[i]
+        if inner.size:
+            value += d_row[0] * q_ref[k] + d_row[1] * past[0]
+            for i in range(inner.size):
+                value += c_row[i] * inner[i]
+                following[i] = b_matrix[i, 0] * q_ref[k] + b_matrix[i, 1] * past[0]
+                for j in range(inner.size):
+                    following[i] += a_matrix[i, j] * inner[j]
+            inner[:] = following
+        law[k] = value
+        command = law[k - delay] if k >= delay else first[k]
+        out[3, k] = min(max(command, -limit), limit) + added[k]
+        new = out[3, k - whole] if k >= whole else first[delay]
+        old = out[3, k - whole - 1] if k > whole else first[delay]
+        slope = (added[k + 1] - added[k]) / dt if ramp and k + 1 < samples else 0.0
+        out[0, k], out[1, k] = past[0], x[1]
+        x, force, out[2, k] = plant_step(
+            x,
+            force,
+            old,
+            new,
+            part,
+            slope,
+            force_noise[k] if force_noise.size else 0.0,
+            k * dt,
+            dt,
+            n,
+            p,
+            on,
+            user,
+        )

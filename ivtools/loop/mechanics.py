@@ -1,0 +1,159 @@
+"""Mechanics: the forces of every term, summed for one or two masses.
+
+The laws of `ivtools.physics` are composed into compiled sums; a flag says which act. A user's own
+laws go through one slot.
+"""
+
+# Compiled functions carry no annotations: Numba infers them, and mypy cannot see through it.
+# mypy: disallow-untyped-defs=False, disallow-untyped-calls=False
+
+from __future__ import annotations
+
+import numpy as np
+from numba import cfunc, float64, njit, types
+
+from ..physics import TERMS
+from ..physics.friction import bristle_rate
+from ..physics.transmission import coupling
+
+# Parameters and flags travel as records: fields have names, and a record is a bare pointer, where
+# an array would be reference-counted at every call.
+OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user's own laws
+PARAMETERS = np.dtype(
+    [(n, float) for n in (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN)]
+)
+FLAGS = np.dtype([(name, bool) for name in (*TERMS, "forces", "own", "effects")])
+
+_ALWAYS = ("viscous", "coulomb", "asymmetric-friction", "offset")
+STRUCTURAL = ("presliding", "flexibility", "backlash", "drive-timing")  # more than one rigid mass
+PLAIN = (*_ALWAYS, "inertia")  # terms that need no flag
+
+_OWN = types.UniTuple(float64, len(OWN))
+SCALAR_LAW = float64(float64, float64, float64, float64, float64, _OWN)
+
+
+def _values(names):
+    """Compile the tuple of these fields of the parameter record."""
+    if not names:
+        return njit(lambda p: ())
+    before, last = _values(names[:-1]), names[-1]
+
+    @njit(error_model="numpy")
+    def values(p):
+        return (*before(p), p[last])
+
+    return values
+
+
+def _chain(names, flagged):
+    """Compose the force laws of these terms into one compiled sum."""
+    if not names:
+
+        @njit(error_model="numpy")
+        def nothing(q, v, s, tau, t, p, on):
+            return 0.0
+
+        return nothing
+    before, term = _chain(names[:-1], flagged), TERMS[names[-1]]
+    law = njit(error_model="numpy")(term.law)
+    flag, values = term.name, _values(term.names)
+
+    @njit(error_model="numpy")
+    def total(q, v, s, tau, t, p, on):
+        f = before(q, v, s, tau, t, p, on)
+        if not flagged or on[flag]:
+            f += law(q, v, 0.0, s, tau, t, *values(p))
+        return f
+
+    return total
+
+
+_own = _values(OWN)
+_rigid = _chain(_ALWAYS, False)
+_EXTRA = tuple(n for n, t in TERMS.items() if t.law and n not in PLAIN)
+_extra = _chain(_EXTRA, True)
+
+
+@cfunc(SCALAR_LAW)
+def no_law(q, v, s, tau, t, own):
+    """Stand in the slot of a user's own law."""
+    return 0.0
+
+
+def user_law(terms):
+    """Compile the sum of a user's own laws for the kernel's slot."""
+
+    def chain(terms):
+        if not terms:
+            return njit(lambda q, v, s, tau, t, own: 0.0)
+        before, law = chain(terms[:-1]), njit(error_model="numpy")(terms[-1].law)
+        first = sum(len(t.names) for t in terms[:-1])
+        last = first + len(terms[-1].names)
+
+        @njit(error_model="numpy")
+        def total(q, v, s, tau, t, own):
+            values = own[first:last]
+            return before(q, v, s, tau, t, own) + law(q, v, 0.0, s, tau, t, *values)
+
+        return total
+
+    total = chain(terms)
+    return cfunc(SCALAR_LAW)(lambda q, v, s, tau, t, own: total(q, v, s, tau, t, own))
+
+
+@njit(error_model="numpy", forceinline=True)
+def resistance(q, v, s, tau, t, p, on, user):
+    """Return the force opposing a motion in direction s, N."""
+    f = _rigid(q, v, s, tau, t, p, on)
+    if on["forces"]:
+        f += _extra(q, v, s, tau, t, p, on)
+        if on["own"]:
+            f += user(q, v, s, tau, t, _own(p))
+    return f
+
+
+@njit(error_model="numpy")
+def masses_of(p, on):
+    """Return (m1, m2, friction share of the load, k, c, gap) of the one or two masses."""
+    m = p["inertia"]
+    if on["backlash"]:
+        r, share, hz, zeta, gap = p["backlash.load_share"], p["backlash.load_friction"], p["backlash.contact_hz"], p["backlash.damping"], p["backlash.gap"]
+    elif on["flexibility"]:
+        r, share, hz, zeta, gap = p["flexibility.load_share"], p["flexibility.load_friction"], p["flexibility.frequency_hz"], p["flexibility.damping"], 0.0
+    else:
+        return m, m, 0.0, 0.0, 0.0, 0.0
+    reduced = m * r * (1.0 - r)
+    w = 2.0 * np.pi * hz
+    return m * (1.0 - r), m * r, share, reduced * w * w, 2.0 * zeta * reduced * w, gap
+
+
+@njit(error_model="numpy", forceinline=True)
+def nets(x, s1, s2, tau, t, p, on, user, masses):
+    """Return the net forces on motor and load, N, and the bristle's rate, m/s."""
+    q1, v1, q2, v2, z = x
+    share = masses[2]
+    rate = 0.0
+    motor = (1.0 - share) * resistance(q1, v1, s1, tau, t, p, on, user)
+    if on["presliding"]:
+        up = resistance(q1, 0.0, 1.0, tau, t, p, on, user)
+        level = 0.5 * (1.0 - share) * (up - resistance(q1, 0.0, -1.0, tau, t, p, on, user))
+        rate = bristle_rate(z, v1, level, p["presliding.stiffness"])
+        motor += p["presliding.stiffness"] * z + p["presliding.damping"] * rate - s1 * level
+    if not (on["flexibility"] or on["backlash"]):
+        return tau - motor, 0.0, rate
+    link = coupling(q1 - q2, v1 - v2, masses[3], masses[4], masses[5])
+    load = 0.0
+    if share > 0.0:
+        load = share * resistance(q2, v2, s2, tau, t, p, on, user)
+    return tau - motor - link, link - load, rate
+
+
+@njit(error_model="numpy", forceinline=True)
+def rates(x, s1, s2, tau, t, p, on, user, masses):
+    """Return dx/dt of the state x = (q1, v1, q2, v2, z); a mass with direction 0 stands still."""
+    if on["presliding"]:
+        s1 = np.sign(x[1])
+    net1, net2, rate = nets(x, s1, s2, tau, t, p, on, user, masses)
+    a1 = net1 / masses[0] if s1 != 0.0 or on["presliding"] else 0.0
+    a2 = net2 / masses[1] if s2 != 0.0 else 0.0
+    return x[1], a1, x[3], a2, rate

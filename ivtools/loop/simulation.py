@@ -1,0 +1,116 @@
+"""What a simulated loop did, and how far it is from what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import RecordError, ShapeError
+from ..pipeline import Motion, Pipeline
+from ..record import Record
+
+if TYPE_CHECKING:
+    from .closed_loop import ClosedLoop
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Signals of a simulated closed loop.
+
+    Parameters
+    ----------
+    t : ndarray, (n_samples,)
+        Time, s.
+    q, dq, ddq : ndarray, (n_samples, n_joints)
+        Position as the encoder reports it, velocity and acceleration of the motor; m or rad.
+    nu : ndarray, (n_samples, n_joints)
+        Command, added input included.
+    tau : ndarray, (n_samples, n_joints)
+        Force that belongs to the command, drive gain times nu, N or N m.
+    loop : ClosedLoop
+        The loop that was simulated.
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    nu: Array
+    tau: Array
+    loop: ClosedLoop
+
+    @property
+    def motion(self) -> Motion:
+        """Position, velocity and acceleration."""
+        return Motion(self.q, self.dq, self.ddq)
+
+    @property
+    def finite(self) -> bool:
+        """Whether the simulated loop stayed finite."""
+        return bool(np.isfinite(self.nu[-1]).all() and np.isfinite(self.q[-1]).all())
+
+    def relative_error(self, record: Record, pipeline: Pipeline | None = None) -> dict[str, float]:
+        """Return 100 ||measured - simulated|| / ||measured||, in per cent.
+
+        The measured position is band-passed by the pipeline, whose trimmed samples do not count;
+        the simulated signals are exact and stay as they are (equation 11 of the EMPS report).
+
+        Parameters
+        ----------
+        record : Record
+            The measured record.
+        pipeline : Pipeline, optional
+            Default: the one that the loop's bandwidth asks for.
+
+        Returns
+        -------
+        dict
+            Keys ``position``, ``velocity``, ``acceleration``, ``force``.
+
+        Raises
+        ------
+        ShapeError
+            If record and simulation differ in length.
+        """
+        if record.n_samples != len(self.t):
+            raise ShapeError(
+                f"the record has {record.n_samples} samples and the simulation {len(self.t)}; "
+                "compare a simulation with the record that drove it"
+            )
+        pipeline = pipeline or self.loop.pipeline(record)
+        head, tail = pipeline.trim
+        rows = slice(head, record.n_samples - tail)
+        measured = (*pipeline.differentiate(record.q, record.dt), self.loop.force(record))
+        simulated = (*self.motion, self.tau)
+        names = ("position", "velocity", "acceleration", "force")
+        return {
+            name: 100.0 * float(np.linalg.norm(m[rows] - s[rows]) / np.linalg.norm(m[rows]))
+            for name, m, s in zip(names, measured, simulated, strict=True)
+        }
+
+    def to_record(self, name: str = "simulation", theta_true: dict[str, float] | None = None,
+                  q_ref: Array | None = None, added: Array | None = None) -> Record:
+        """Return the simulated signals as a record, as if they had been measured.
+
+        Raises
+        ------
+        RecordError
+            If the simulated loop diverged.
+        """
+        if not self.finite:
+            raise RecordError("the simulated loop is unstable; check the gains and the inertia")
+        return Record(
+            t=self.t, q=self.q, q_ref=q_ref, nu=self.nu, added=added, name=name,
+            theta_true=theta_true,
+        )
+
+    def plot(self, record: Record) -> object:
+        """Return the figure of simulated against measured signals."""
+        from ..plots import simulation
+
+        return simulation(self, record)

@@ -1,0 +1,151 @@
+"""The closed loop as a python-control system.
+
+Two blocks with named signals: the controller (its states are the past positions, its own states
+and the commands on their way) and the axis (drive, mechanics, sensor; its update is the compiled
+`plant_step`). python-control interpolates inputs linearly between samples where it integrates in
+continuous time; this system is discrete, so inputs are held, as a digital controller holds them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+
+from .engine import effective_controller, plant
+from .integrator import drive_delay, plant_step
+from .kernel import measure
+
+if TYPE_CHECKING:
+    from .closed_loop import ClosedLoop
+
+Array = NDArray[np.float64]
+
+AXIS_STATES = ("q", "dq", "q_load", "dq_load", "bristle", "force", "time")
+
+
+def system(
+    loop: ClosedLoop, values: Mapping[str, float], dt: float, substeps: int
+) -> control.InterconnectedSystem:
+    """Return the interconnected closed loop; see `ClosedLoop.system`."""
+    controller = _controller_block(loop, values, dt)
+    axis = _axis_block(loop, values, dt, substeps)
+    return control.interconnect(
+        [controller, axis],
+        connections=[["controller.q", "axis.q"], ["axis.command", "controller.command"]],
+        inplist=["controller.q_ref", "controller.dq_ref", "axis.added"],
+        inputs=["q_ref", "dq_ref", "added"],
+        outlist=["axis.q", "axis.dq", "axis.nu", "axis.tau"],
+        outputs=["q", "dq", "nu", "tau"],
+        name=loop.name,
+        dt=dt,
+    )
+
+
+def _controller_block(
+    loop: ClosedLoop, values: Mapping[str, float], dt: float
+) -> control.NonlinearIOSystem:
+    controller = effective_controller(loop, values)
+    law, delay = controller.law(dt), controller.delay
+    past, inner = len(law.taps) - 1, len(law.C)
+
+    def value(x: Array, u: Array) -> float:
+        positions = np.concatenate([u[2:], x[:past]])
+        state, inputs = x[past : past + inner], u[[0, 2]]
+        return float(law.gains @ u[:2] + law.taps @ positions + law.C @ state + law.D @ inputs)
+
+    def update(t: float, x: Array, u: Array, params: Any) -> Array:
+        state = law.A @ x[past : past + inner] + law.B @ u[[0, 2]]
+        line = np.append(x[past + inner :], value(x, u))[-delay:] if delay else []
+        return np.concatenate([u[2:], x[:past], state, line])[_drop(past, inner, delay)]
+
+    def output(t: float, x: Array, u: Array, params: Any) -> Array:
+        return np.array([x[past + inner] if delay else value(x, u)])
+
+    return control.nlsys(
+        update,
+        output,
+        inputs=["q_ref", "dq_ref", "q"],
+        outputs=["command"],
+        states=past + inner + delay,
+        name="controller",
+        dt=dt,
+    )
+
+
+def _drop(past: int, inner: int, delay: int) -> Array:
+    """Indices that keep the newest `past` positions and everything behind them."""
+    return np.r_[0:past, past + 1 : past + 1 + inner + delay].astype(int)
+
+
+def _axis_block(
+    loop: ClosedLoop, values: Mapping[str, float], dt: float, substeps: int
+) -> control.NonlinearIOSystem:
+    p, on, user = plant(loop, values)
+    whole, part = drive_delay(dt, p, on)
+    limit = min(loop.controller.limit, values.get("saturation.limit", np.inf))
+    added_gain = 1.0 + values.get("controller-mismatch.added", 0.0)
+
+    def nu(u: Array) -> float:
+        return float(np.clip(u[0], -limit, limit) + added_gain * u[1])
+
+    def update(t: float, x: Array, u: Array, params: Any) -> Array:
+        line = [nu(u), *x[7:]]  # newest first; the plant is driven by what was sent `whole` ago
+        state, force, _ = plant_step(
+            tuple(x[:5]), x[5], line[-1], line[whole], part, 0.0, 0.0, x[6], dt, substeps, p, on, user
+        )
+        return np.array([*state, force, x[6] + dt, *line[: whole + 1]])
+
+    def output(t: float, x: Array, u: Array, params: Any) -> Array:
+        return np.array([measure(x[0], 0.0, 0.0, p, on), x[1], nu(u), loop.gain * nu(u)])
+
+    return control.nlsys(
+        update,
+        output,
+        inputs=["command", "added"],
+        outputs=["q", "dq", "nu", "tau"],
+        states=[*AXIS_STATES, *(f"sent{i}" for i in range(whole + 1))],
+        name="axis",
+        dt=dt,
+    )
+
+
+def initial_state(
+    loop: ClosedLoop, values: Mapping[str, float], dt: float, q: float, dq: float
+) -> Array:
+    """Return the state of `system` in steady motion at q, dq, with no command sent before.
+
+    Parameters
+    ----------
+    loop, values, dt
+        As for `system`.
+    q, dq : float
+        Position (m or rad) and velocity.
+    """
+    controller, (p, on, _) = effective_controller(loop, values), plant(loop, values)
+    law = controller.law(dt)
+    past = [measure(q - i * dt * dq, 0.0, 0.0, p, on) for i in range(1, len(law.taps))]
+    sent = np.zeros(drive_delay(dt, p, on)[0] + 1)
+    lines = np.zeros(len(law.C) + controller.delay)
+    return np.concatenate([past, lines, [q, dq, q, dq, 0.0, 0.0, 0.0], sent])
+
+
+def dominant_mode_hz(loop: ClosedLoop, inertia: float, viscous: float, dt: float) -> float:
+    """Return the lowest natural frequency of the loop without dry friction, Hz.
+
+    States that the loop does not use, and the free integrator of a velocity loop, do not count.
+    """
+    key = (repr(loop.controller), loop.gain, loop.delay, inertia, viscous, dt)
+    if key not in _MODES:
+        rigid = loop.with_terms("inertia", "viscous")
+        closed = system(rigid, {"inertia": inertia, "viscous": viscous}, dt, 1)
+        poles = control.linearize(closed, np.zeros(closed.nstates), np.zeros(3)).poles()
+        rates = np.abs(np.log(poles[np.abs(poles) > 1e-6])) / dt
+        _MODES[key] = float(min(rates[rates * dt > 1e-6], default=np.nan)) / (2 * np.pi)
+    return _MODES[key]
+
+
+_MODES: dict[tuple[object, ...], float] = {}  # linearising takes longer than an estimate

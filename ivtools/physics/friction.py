@@ -1,0 +1,171 @@
+"""Friction: what opposes the motion where surfaces meet."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .terms import Parameter, Term
+
+_JANOT = "Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, 2019"
+_ARMSTRONG = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
+
+VISCOUS = Term(
+    "viscous",
+    "mechanics",
+    (Parameter("viscous", "{F} s/{L}", lower=0.0),),
+    "Fv dq",
+    f"{_JANOT}, equation 1",
+    law=lambda q, dq, ddq, sign, tau, t, fv: fv * dq,
+    base=True,
+)
+
+COULOMB = Term(
+    "coulomb",
+    "mechanics",
+    (Parameter("coulomb", "{F}", lower=0.0),),
+    "Fc sign(dq)",
+    f"{_JANOT}, equation 1",
+    law=lambda q, dq, ddq, sign, tau, t, fc: fc * sign,
+    base=True,
+)
+
+
+def _asymmetric(q, dq, ddq, sign, tau, t, fv_pos, fc_pos, fv_neg, fc_neg):  # type: ignore[no-untyped-def]
+    ahead, back = 0.5 * (1.0 + sign), 0.5 * (1.0 - sign)
+    return (ahead * fv_pos + back * fv_neg) * dq + (ahead * fc_pos + back * fc_neg) * sign
+
+
+ASYMMETRIC_FRICTION = Term(
+    "asymmetric-friction",
+    "mechanics",
+    (
+        Parameter("viscous_pos", "{F} s/{L}", lower=0.0),
+        Parameter("coulomb_pos", "{F}", lower=0.0),
+        Parameter("viscous_neg", "{F} s/{L}", lower=0.0),
+        Parameter("coulomb_neg", "{F}", lower=0.0),
+    ),
+    "Fv+ dq + Fc+ where dq > 0, Fv- dq - Fc- where dq < 0",
+    f"{_JANOT}, equation 12",
+    law=_asymmetric,
+    base=True,
+)
+
+ASYMMETRIC_VISCOUS = Term(
+    "asymmetric-viscous",
+    "mechanics",
+    (Parameter("delta", "{F} s/{L}"),),
+    "dFv |dq|",
+    f"{_JANOT}, equation 12, as its odd part",
+    law=lambda q, dq, ddq, sign, tau, t, delta: delta * np.abs(dq),
+)
+
+STRIBECK = Term(
+    "stribeck",
+    "mechanics",
+    (
+        Parameter("force", "{F}"),
+        Parameter(
+            "speed",
+            "{L}/s",
+            lower=1e-9,
+            neutral=0.01,
+            scale="speed",
+            scan=(0.02, 0.05, 0.1, 0.2),
+        ),
+    ),
+    "Fs exp(-(dq/vs)^2) sign(dq)",
+    _ARMSTRONG,
+    law=lambda q, dq, ddq, sign, tau, t, fs, vs: fs * np.exp(-((dq / vs) ** 2)) * sign,
+    substeps=2,
+)
+
+POLYNOMIAL_VISCOUS = Term(
+    "polynomial-viscous",
+    "mechanics",
+    (Parameter("quadratic", "{F} s2/{L}2"), Parameter("cubic", "{F} s3/{L}3")),
+    "F2 dq |dq| + F3 dq^3",
+    "Bittencourt, Axelsson, IEEE/ASME Trans. Mechatronics 19(1), 2014",
+    law=lambda q, dq, ddq, sign, tau, t, f2, f3: (f2 * np.abs(dq) + f3 * dq * dq) * dq,
+    substeps=2,
+)
+
+SQRT_VISCOUS = Term(
+    "sqrt-viscous",
+    "mechanics",
+    (Parameter("force", "{F} s0.5/{L}0.5"),),
+    "Fh sqrt|dq| sign(dq)",
+    "Harnoy, Friedland, Cohn, IEEE Control Systems 28(6), 2008: hydrodynamic lubrication",
+    law=lambda q, dq, ddq, sign, tau, t, fh: fh * np.sqrt(np.abs(dq)) * sign,
+    substeps=2,
+)
+
+POSITION_FRICTION = Term(
+    "position-friction",
+    "mechanics",
+    (Parameter("slope", "{F}/{L}"), Parameter("curvature", "{F}/{L}2")),
+    "(c1 q + c2 q^2) sign(dq); the constant part is the Coulomb friction",
+    f"{_ARMSTRONG}, section 2.2",
+    law=lambda q, dq, ddq, sign, tau, t, c1, c2: (c1 + c2 * q) * q * sign,
+    substeps=2,
+)
+
+LOAD_FRICTION = Term(
+    "load-friction",
+    "mechanics",
+    (Parameter("ratio", "1", scale="one"),),
+    "mu |tau| sign(dq)",
+    "Gogoussis, Donath, IEEE Int. Conf. Robotics and Automation, 1988",
+    law=lambda q, dq, ddq, sign, tau, t, mu: mu * np.abs(tau) * sign,
+    substeps=2,
+)
+
+FRICTION_DRIFT = Term(
+    "friction-drift",
+    "mechanics",
+    (Parameter("coulomb_rate", "{F}/s"), Parameter("viscous_rate", "{F}/{L}")),
+    "a t sign(dq) + b t dq",
+    "Bittencourt, Gunnarsson, Control Engineering Practice 20(12), 2012: warming-up",
+    law=lambda q, dq, ddq, sign, tau, t, a, b: t * (a * sign + b * dq),
+    substeps=2,
+)
+
+PRESLIDING = Term(
+    "presliding",
+    "mechanics",
+    (
+        Parameter(
+            "stiffness",
+            "{F}/{L}",
+            lower=0.0,
+            neutral=1e6,
+            scale="stiffness",
+            scan=(1.0, 3.0, 10.0),
+        ),
+        Parameter("damping", "{F} s/{L}", lower=0.0, neutral=0.0, scan=(0.0,)),
+    ),
+    "dz = dq - s0 |dq| z / Fc, f = s0 z + s1 dz in place of Fc sign(dq)",
+    "Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40(3), 1995",
+    substeps=4,
+)
+
+
+@njit(error_model="numpy")
+def bristle_rate(z: float, v: float, level: float, s0: float) -> float:
+    """Return the rate of the mean bristle deflection, m/s; `level` is the Coulomb force, N."""
+    return v - s0 * abs(v) * z / level if level > 0.0 else 0.0
+
+
+TERMS = (
+    VISCOUS,
+    COULOMB,
+    ASYMMETRIC_FRICTION,
+    ASYMMETRIC_VISCOUS,
+    STRIBECK,
+    PRESLIDING,
+    POLYNOMIAL_VISCOUS,
+    SQRT_VISCOUS,
+    POSITION_FRICTION,
+    LOAD_FRICTION,
+    FRICTION_DRIFT,
+)

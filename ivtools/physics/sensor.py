@@ -1,0 +1,51 @@
+"""Sensor and controller: what is measured, and what is made of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .terms import Parameter, Term
+from .transmission import PERIOD
+
+ENCODER_ECCENTRICITY = Term(
+    "encoder-eccentricity",
+    "sensor",
+    (
+        Parameter("cosine", "{L}", scale="stroke"),
+        Parameter("sine", "{L}", scale="stroke"),
+        PERIOD,
+    ),
+    "q + a cos(2 pi q/p) + b sin(2 pi q/p)",
+    "Kavanagh, IEEE Trans. Instrumentation and Measurement 50(5), 2001",
+)
+
+CONTROLLER_MISMATCH = Term(
+    "controller-mismatch",
+    "controller",
+    (
+        Parameter("kp", "1", lower=-0.9, upper=9.0, scale="one"),
+        Parameter("kv", "1", lower=-0.9, upper=9.0, scale="one"),
+        Parameter("velocity_filter", "1", lower=-1.0, upper=1.0, scale="one"),
+        Parameter("added", "1", lower=-2.0, upper=9.0, scale="one"),
+    ),
+    "kp (1 + a), kv (1 + b), one more tap c in the velocity filter, added input (1 + d)",
+    "settings that differ from the ones in the axis file",
+)
+
+DISTURBANCE = Term(
+    "disturbance",
+    "outside",
+    (),
+    "a force from outside, not repeatable",
+    "what no model of the axis explains: reported by time, never fitted",
+)
+
+
+@njit(error_model="numpy")
+def encoder(q: float, a: float, b: float, period: float) -> float:
+    """Return the position that an eccentric encoder reads, m or rad."""
+    return q + a * np.cos(2.0 * np.pi * q / period) + b * np.sin(2.0 * np.pi * q / period)
+
+
+TERMS = (ENCODER_ECCENTRICITY, CONTROLLER_MISMATCH, DISTURBANCE)

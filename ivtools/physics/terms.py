@@ -1,0 +1,181 @@
+"""Terms: one physical effect, stated once.
+
+A *law* is an ordinary function ``law(q, dq, ddq, sign, tau, t, *parameters)`` that returns the
+force opposing the motion. It is written with NumPy functions only, so the same source serves
+three masters: arrays give the columns of the observation matrix, scalars compiled by Numba give
+the force inside the simulated loop, and a reader gets the equation. ``sign`` is the direction of
+motion, an argument of its own because at standstill the velocity does not know it.
+
+Effects that are not a force (a delay, a second mass, an encoder error) have no law; the loop's
+kernel knows them by name and calls the function that stands beside their term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from math import inf
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import AxisError
+
+Law = Callable[..., "NDArray[np.float64]"]
+
+_SYMBOLS = {
+    "prismatic": {"F": "N", "L": "m", "M": "kg"},
+    "revolute": {"F": "N m", "L": "rad", "M": "kg m2"},
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a term.
+
+    Parameters
+    ----------
+    name : str
+        Name within the term.
+    unit : str
+        Unit, with ``{F}`` for the joint's force unit, ``{L}`` for its length, ``{M}`` for inertia.
+    lower, upper : float
+        Physical bounds, in SI.
+    neutral : float
+        The value that makes the effect vanish, or the usual value of a shape parameter.
+    scale : str
+        What the parameter is measured in when a search needs a starting value: ``"force"``,
+        ``"speed"``, ``"stroke"``, ``"time"`` (the record's length), ``"step"`` (the sampling step)
+        or ``"one"``.
+    scan : tuple of float
+        Starting values for a search, in multiples of `scale`; empty where the force is linear in
+        the parameter, which needs none.
+    """
+
+    name: str
+    unit: str
+    lower: float = -inf
+    upper: float = inf
+    neutral: float = 0.0
+    scale: str = "force"
+    scan: tuple[float, ...] = ()
+
+    @property
+    def linear(self) -> bool:
+        """Whether the force is linear in this parameter."""
+        return not self.scan
+
+    def unit_for(self, joint: str) -> str:
+        """Return the unit on a ``"prismatic"`` or ``"revolute"`` joint."""
+        return self.unit.format(**_SYMBOLS[joint])
+
+
+@dataclass(frozen=True)
+class Term:
+    """A physical effect: its parameters, its force law and where it comes from.
+
+    Parameters
+    ----------
+    name : str
+        Identifier, as on the command line and in axis files.
+    block : str
+        ``"mechanics"``, ``"drive"``, ``"sensor"``, ``"controller"`` or ``"outside"``.
+    parameters : tuple of Parameter
+    equation : str
+        The force, or the changed block, as people write it.
+    source : str
+        Where the model comes from.
+    law : callable, optional
+        ``law(q, dq, ddq, sign, tau, t, *parameters)``: the force opposing the motion, N or N m.
+        None for an effect that is not a force.
+    base : bool
+        Whether the term belongs to the rigid model, whose parameters carry no prefix.
+    substeps : int
+        Integration steps per sample that the effect needs.
+    """
+
+    name: str
+    block: str
+    parameters: tuple[Parameter, ...]
+    equation: str
+    source: str
+    law: Law | None = field(default=None, compare=False)
+    base: bool = False
+    substeps: int = 1
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Full names of the parameters, unique across terms."""
+        prefix = "" if self.base else f"{self.name}."
+        return tuple(prefix + p.name for p in self.parameters)
+
+    def force(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        values: Iterable[float],
+        tau: ArrayLike = 0.0,
+        t: ArrayLike = 0.0,
+    ) -> NDArray[np.float64]:
+        """Return the force opposing the motion along a trajectory, N or N m.
+
+        Parameters
+        ----------
+        q, dq, ddq : array_like
+            Position, velocity, acceleration, (n_samples,).
+        values : iterable of float
+            One value per parameter.
+        tau, t : array_like, optional
+            Drive force (N or N m) and time (s), for laws that depend on them.
+
+        Raises
+        ------
+        AxisError
+            If the effect is not a force.
+        """
+        if self.law is None:
+            raise AxisError(
+                f"{self.name} changes the {self.block}, it is not a force law; "
+                "use it in a simulation with loop.with_effect"
+            )
+        x = [np.asarray(a, dtype=float) for a in (q, dq, ddq, np.sign(dq), tau, t)]
+        return np.broadcast_to(self.law(*x, *values), x[0].shape)
+
+    def columns(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        tau: ArrayLike = 0.0,
+        t: ArrayLike = 0.0,
+        shape: Mapping[str, float] | None = None,
+    ) -> NDArray[np.float64]:
+        """Return the observation matrix of the term, one column per linear parameter.
+
+        The law is linear in those parameters, so a column is the law at a unit vector: the
+        equation is written once and columns and force cannot disagree.
+
+        Parameters
+        ----------
+        q, dq, ddq, tau, t : array_like
+            As for `force`.
+        shape : mapping, optional
+            Values of the parameters that the law is not linear in, by full name; else their
+            neutral values.
+
+        Returns
+        -------
+        ndarray, (n_samples, number of linear parameters)
+        """
+        given = shape or {}
+        rest = [
+            0.0 if p.linear else given.get(n, p.neutral)
+            for n, p in zip(self.names, self.parameters, strict=True)
+        ]
+        linear = [i for i, p in enumerate(self.parameters) if p.linear]
+        out = np.empty((np.size(q), len(linear)))
+        for column, i in enumerate(linear):
+            unit = [*rest[:i], 1.0, *rest[i + 1 :]]
+            out[:, column] = self.force(q, dq, ddq, unit, tau, t)
+        return out

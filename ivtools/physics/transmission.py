@@ -1,0 +1,142 @@
+"""Transmission: masses, and the forces that depend on where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .terms import Parameter, Term
+
+_JANOT = "Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, 2019, equation 1"
+_SHARES = (0.1, 0.2, 0.35)
+
+INERTIA = Term(
+    "inertia",
+    "mechanics",
+    (Parameter("inertia", "{M}", lower=0.0),),
+    "M ddq",
+    _JANOT,
+    law=lambda q, dq, ddq, sign, tau, t, m: m * ddq,
+    base=True,
+)
+
+OFFSET = Term(
+    "offset",
+    "mechanics",
+    (Parameter("offset", "{F}"),),
+    "offset",
+    _JANOT,
+    law=lambda q, dq, ddq, sign, tau, t, offset: offset,
+    base=True,
+)
+
+GRAVITY = Term(
+    "gravity",
+    "mechanics",
+    (Parameter("gravity_sin", "{F}"), Parameter("gravity_cos", "{F}")),
+    "gs sin(q) + gc cos(q)",
+    "Khalil, Dombre, Modeling, Identification and Control of Robots, 2004, chapter 9",
+    law=lambda q, dq, ddq, sign, tau, t, gs, gc: gs * np.sin(q) + gc * np.cos(q),
+    base=True,
+)
+
+OFFSET_DRIFT = Term(
+    "offset-drift",
+    "mechanics",
+    (Parameter("rate", "{F}/s"), Parameter("curvature", "{F}/s2")),
+    "a t + b t^2",
+    "slow change of the offset: amplifier zero, counterbalance, cable",
+    law=lambda q, dq, ddq, sign, tau, t, a, b: (a + b * t) * t,
+    substeps=2,
+)
+
+SPRING = Term(
+    "spring",
+    "mechanics",
+    (Parameter("stiffness", "{F}/{L}"), Parameter("curvature", "{F}/{L}2")),
+    "k1 q + k2 q^2; the constant part is the offset",
+    "cable drag, slope, counterbalance: the first terms of a static force over position",
+    law=lambda q, dq, ddq, sign, tau, t, k1, k2: (k1 + k2 * q) * q,
+    substeps=2,
+)
+
+PERIOD = Parameter(
+    "period",
+    "{L}",
+    lower=1e-9,
+    neutral=0.01,
+    scale="stroke",
+    scan=(0.005, 0.01, 0.02, 0.04, 0.08),
+)
+
+COGGING = Term(
+    "cogging",
+    "mechanics",
+    (Parameter("cosine", "{F}"), Parameter("sine", "{F}"), PERIOD),
+    "a cos(2 pi q/p) + b sin(2 pi q/p)",
+    "Holtz, Springob, IEEE Trans. Industrial Electronics 43(2), 1996",
+    law=lambda q, dq, ddq, sign, tau, t, a, b, p: (
+        a * np.cos(2.0 * np.pi * q / p) + b * np.sin(2.0 * np.pi * q / p)
+    ),
+    substeps=2,
+)
+
+FLEXIBILITY = Term(
+    "flexibility",
+    "mechanics",
+    (
+        Parameter("frequency_hz", "Hz", lower=1.0, neutral=50.0, scale="one", scan=(25.0, 40.0, 65.0)),
+        Parameter("damping", "1", lower=0.0, upper=1.0, neutral=0.02, scale="one", scan=(0.03,)),
+        Parameter("load_share", "1", lower=0.01, upper=0.9, neutral=0.2, scale="one", scan=_SHARES),
+        Parameter(
+            "load_friction", "1", lower=0.0, upper=1.0, neutral=0.0, scale="one", scan=(0.0, 0.5)
+        ),
+    ),
+    "two masses M (1 - r), M r joined by k, c: k = (2 pi f)^2 M r (1 - r)",
+    "Spong, ASME J. Dynamic Systems, Measurement and Control 109(4), 1987",
+    substeps=4,
+)
+
+BACKLASH = Term(
+    "backlash",
+    "mechanics",
+    (
+        Parameter(
+            "gap",
+            "{L}",
+            lower=0.0,
+            neutral=0.0,
+            scale="stroke",
+            scan=tuple(np.geomspace(2e-5, 2e-3, 20)),
+        ),
+        Parameter("load_share", "1", lower=0.01, upper=0.9, neutral=0.2, scale="one", scan=_SHARES),
+        Parameter(
+            "load_friction", "1", lower=0.0, upper=1.0, neutral=0.5, scale="one", scan=(0.5,)
+        ),
+        Parameter(
+            "contact_hz", "Hz", lower=10.0, neutral=150.0, scale="one", scan=(150.0,)
+        ),
+        Parameter("damping", "1", lower=0.0, upper=2.0, neutral=0.2, scale="one", scan=(0.2,)),
+    ),
+    "two masses M (1 - r), M r that touch when |q1 - q2| > gap/2",
+    "Nordin, Gutman, Automatica 38(10), 2002",
+    substeps=8,
+)
+
+
+@njit(error_model="numpy")
+def coupling(stretch: float, rate: float, k: float, c: float, gap: float) -> float:
+    """Return the force between two masses, N: a spring and damper behind a gap.
+
+    Contacts push and never pull: the damper cannot hold masses together that part.
+    """
+    if gap <= 0.0:
+        return k * stretch + c * rate
+    if stretch > 0.5 * gap:
+        return max(k * (stretch - 0.5 * gap) + c * rate, 0.0)
+    if stretch < -0.5 * gap:
+        return min(k * (stretch + 0.5 * gap) + c * rate, 0.0)
+    return 0.0
+
+
+TERMS = (INERTIA, OFFSET, GRAVITY, OFFSET_DRIFT, SPRING, COGGING, FLEXIBILITY, BACKLASH)

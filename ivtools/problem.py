@@ -1,0 +1,173 @@
+"""The identification problem: a record and the loop that should behave like it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import EstimationError, ShapeError
+from .linalg import solve_iv
+from .loop import ClosedLoop, Simulation
+from .loop.closed_loop import Theta
+from .pipeline import Motion, Pipeline
+from .record import Record
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What an estimator works on: y = X theta + e, and the loop that makes instruments.
+
+    Parameters
+    ----------
+    record : Record
+        The measured record.
+    loop : ClosedLoop
+        Its model; ``loop.names`` are the parameters.
+    pipeline : Pipeline, optional
+        Default: the one that the loop's bandwidth asks for.
+
+    Examples
+    --------
+    >>> import ivtools as iv
+    >>> problem = iv.Problem(iv.datasets.twin(), iv.axes.emps())
+    >>> problem.X.shape[1] == len(problem.names)
+    True
+    """
+
+    record: Record
+    loop: ClosedLoop
+    pipeline: Pipeline = None  # type: ignore[assignment]  # filled in below
+
+    def __post_init__(self) -> None:
+        if self.record.n_joints != 1:
+            raise ShapeError(
+                f"the record has {self.record.n_joints} joints; a loop describes one, so take them "
+                "one at a time"
+            )
+        if self.pipeline is None:
+            object.__setattr__(self, "pipeline", self.loop.pipeline(self.record))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of the columns of X."""
+        return self.loop.names
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each parameter."""
+        return self.loop.units
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Band-passed position, velocity and acceleration of the record, (n_samples, 1) each."""
+        return self.pipeline.differentiate(self.record.q, self.record.dt)
+
+    @cached_property
+    def force(self) -> Array:
+        """Measured force at the sampling rate, aligned, N or N m, (n_samples, 1)."""
+        return self.pipeline.align(self.loop.force(self.record))
+
+    @cached_property
+    def _rows(self) -> Array:
+        return self._through(self.motion, self.force)
+
+    @property
+    def X(self) -> Array:
+        """Observation matrix, (N, p)."""
+        return self._rows[:, :-1]
+
+    @property
+    def y(self) -> Array:
+        """Measurement vector, N or N m, (N,)."""
+        return self._rows[:, -1]
+
+    @property
+    def t(self) -> Array:
+        """Time of the rows, s, (N,)."""
+        rows = self.pipeline.samples(self.record.n_samples, self._speed)
+        return self.record.t[rows]
+
+    @cached_property
+    def row_joints(self) -> NDArray[np.int_]:
+        """Joint that each row belongs to, (N,)."""
+        return np.zeros(len(self.y), dtype=int)
+
+    @property
+    def _speed(self) -> Array | None:
+        return self.motion.dq if self.pipeline.min_speed > 0.0 else None
+
+    def _through(self, motion: Motion, force: Array) -> Array:
+        """Return the rows (regressor, force) of a trajectory, measured or simulated."""
+        columns = self.loop.columns(motion, force, self.record.t - self.record.t[0])
+        return self.pipeline.rows(np.hstack([columns, force]), self._speed)
+
+    # --- simulated -----------------------------------------------------------------------------
+
+    def simulate(self, theta: Theta | None = None) -> Simulation:
+        """Simulate the closed loop on this record's reference; see `ClosedLoop.simulate`."""
+        return self.loop.simulate(self.record, theta)
+
+    def simulated_rows(
+        self, theta: Theta | None, *, filtered: bool = True, scale_gain: bool = False
+    ) -> tuple[Array, Array]:
+        """Return the regressor and the force of the simulated loop.
+
+        Simulated signals take the same way through the pipeline as measured ones.
+
+        Parameters
+        ----------
+        theta : mapping, Series or array_like
+            Parameters of the simulation.
+        filtered : bool
+            Band-pass the simulated position as the measured one is; False takes the simulated
+            velocity and acceleration as they are, as much of the literature does.
+        scale_gain : bool
+            Scale the controller with the inertia, so that the simulated loop keeps its bandwidth
+            however wrong the inertia is.
+
+        Returns
+        -------
+        Z : ndarray, (N, p)
+        y_s : ndarray, (N,)
+
+        Raises
+        ------
+        EstimationError
+            If the simulated loop is unstable.
+        """
+        values = self.loop.values(theta)
+        loop = self.scaled_loop(values["inertia"]) if scale_gain else self.loop
+        simulation = loop.simulate(self.record, values)
+        if not simulation.finite:
+            raise EstimationError("the simulated loop is unstable at these parameters")
+        motion = simulation.motion
+        if filtered:
+            motion = self.pipeline.differentiate(simulation.q, self.record.dt)
+        rows = self._through(motion, self.pipeline.align(simulation.tau))
+        return rows[:, :-1], rows[:, -1]
+
+    def scaled_loop(self, inertia: float) -> ClosedLoop:
+        """Return the loop whose controller keeps the real bandwidth at this inertia, kg or kg m2."""
+        ratio = inertia / self.start["inertia"]
+        return replace(self.loop, controller=self.loop.controller.scaled(ratio))
+
+    def instruments(self, theta: Theta | None, *, filtered: bool = True) -> Array:
+        """Return the instruments: the regressor of the loop simulated at theta, (N, p)."""
+        return self.simulated_rows(theta, filtered=filtered)[0]
+
+    @cached_property
+    def start(self) -> dict[str, float]:
+        """Starting values: the axis file's where it gives them, else least squares."""
+        ls = dict(zip(self.names, solve_iv(self.X, self.y, names=self.names), strict=True))
+        return {**ls, **{k: v for k, v in self.loop.start.items() if k in ls}}
+
+    def select(self, names: Sequence[str]) -> Problem:
+        """Return the problem with the terms of these parameters only."""
+        terms = [t for t in self.loop.terms if t.law is None or set(t.names) & set(names)]
+        return replace(self, loop=self.loop.with_terms(*terms))
