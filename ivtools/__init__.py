@@ -13,9 +13,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does it
+    from ivtools import axes as axes
     from ivtools import datasets as datasets
     from ivtools import errors as errors
+    from ivtools.estimators.least_squares import IDIMLS as IDIMLS
+    from ivtools.estimators.least_squares import IDIMWLS as IDIMWLS
+    from ivtools.loop import ClosedLoop as ClosedLoop
+    from ivtools.pipeline import Pipeline as Pipeline
+    from ivtools.problem import Problem as Problem
     from ivtools.record import Record as Record
+    from ivtools.results import FitResults as FitResults
+    from ivtools.results import TestResult as TestResult
+    from ivtools.results import compare as compare
 
 __version__ = "0.1.0"
 

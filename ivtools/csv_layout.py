@@ -120,8 +120,8 @@ def _content(text: str) -> Iterator[tuple[int, str]]:
 
 
 def _separator(header: str) -> str:
-    marks = [mark for mark in ";\t|," if mark in header]
-    return marks[0] if marks else r"\s+" if len(header.split()) > 1 else ","
+    mark = max(";\t|,", key=header.count)  # the first of those that are equally frequent
+    return mark if mark in header else r"\s+" if len(header.split()) > 1 else ","
 
 
 def _fields(line: str, separator: str) -> list[str]:

@@ -125,7 +125,6 @@ def _read_csv(
         skiprows=layout.first_row,
         index_col=False,
         skipinitialspace=True,
-        float_precision="round_trip",
         low_memory=False,
     )
     return frame_table(frame.rename(columns=dict(enumerate(layout.names))), columns), layout.notes

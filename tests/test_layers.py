@@ -1,0 +1,156 @@
+"""Imports point to the left only: the rooms of the package in the order of its layers."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import ivtools
+
+ROOT = Path(ivtools.__file__).parent
+#: Rooms from left to right. A room imports rooms to its left, and nothing beside it.
+ORDER = [
+    ("errors",),
+    ("columns", "csv_layout", "tables"),
+    ("checks", "readers"),
+    ("record", "linalg", "pipeline"),
+    ("datasets", "physics"),
+    ("loop",),
+    ("axes",),
+    ("problem",),
+    ("comparison",),
+    ("results",),
+    ("inference", "estimators"),
+    ("gap", "study"),
+    ("plots",),
+    ("report",),
+    ("cli",),
+]
+RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}
+#: Methods that open a room to the right when they are called; nothing else may.
+LATE = {
+    ("datasets", "axes"): "twin() is simulated by the loop of a registered axis",
+    ("results", "inference"): "results offer their own tests",
+    ("record", "plots"): "record.plot()",
+    ("loop", "plots"): "simulation.plot()",
+    ("comparison", "plots"): "comparison.plot()",
+    ("results", "plots"): "results.plot()",
+    ("study", "plots"): "study.plot()",
+    ("gap", "plots"): "diagnosis.plot()",
+    ("gap", "report"): "diagnosis.to_html()",
+}
+
+
+class Import(NamedTuple):
+    file: Path
+    line: int
+    room: str
+    target: str
+    late: bool
+
+
+def imports(file: Path) -> Iterator[Import]:
+    """Yield the imports of other rooms, with those that only type checkers follow left out."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    parts = file.relative_to(ROOT).with_suffix("").parts
+    package = ["ivtools", *parts[:-1]]
+    late = {
+        id(node)
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        for node in ast.walk(function)
+    }
+    unseen = {
+        id(node)
+        for block in ast.walk(tree)
+        if isinstance(block, ast.If) and "TYPE_CHECKING" in ast.unparse(block.test)
+        for statement in block.body
+        for node in ast.walk(statement)
+    }
+    for node in ast.walk(tree):
+        if id(node) in unseen:
+            continue
+        for name in imported(node, package):
+            target = name.split(".")[1] if "." in name else "__init__"
+            if target != parts[0]:
+                yield Import(file, node.lineno, parts[0], target, id(node) in late)
+
+
+def imported(node: ast.AST, package: list[str]) -> list[str]:
+    """Return the modules of this package that a statement imports, as absolute names."""
+    if isinstance(node, ast.Import):
+        names = [alias.name for alias in node.names]
+    elif isinstance(node, ast.ImportFrom):
+        base = package[: len(package) - node.level + 1] if node.level else []
+        module = ".".join([*base, *([node.module] if node.module else [])])
+        inside = module == "ivtools"
+        names = [f"{module}.{alias.name}" for alias in node.names] if inside else [module]
+    else:
+        names = []
+    return [name for name in names if name.split(".")[0] == "ivtools"]
+
+
+FILES = sorted(file for file in ROOT.rglob("*.py") if file != ROOT / "__init__.py")
+
+
+def allowed(found: Import) -> bool:
+    if found.late and (found.room, found.target) in LATE:
+        return True
+    return RANK.get(found.target, len(ORDER)) < RANK[found.room]
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(ROOT)))
+def test_imports_point_to_the_left(file):
+    room = file.relative_to(ROOT).with_suffix("").parts[0]
+    assert room in RANK, f"{room} has no place in the order of the layers"
+    wrong = [
+        f"{found.file.relative_to(ROOT)}:{found.line} imports {found.target}"
+        for found in imports(file)
+        if not allowed(found)
+    ]
+    assert not wrong
+
+
+def test_every_kind_of_import_is_seen(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
+    file = tmp_path / "loop" / "kernel.py"
+    file.parent.mkdir()
+    file.write_text(
+        "import ivtools.cli\nfrom ivtools import plots\nfrom ..gap import screen\n"
+        "from . import controllers\nfrom .. import study\nimport numpy\n"
+        "def f():\n    from ivtools.report import page\n    from ..plots import simulation\n"
+        "if TYPE_CHECKING:\n    from ivtools.problem import Problem\n"
+    )
+    found = {(i.target, i.late, allowed(i)) for i in imports(file)}
+    assert found == {
+        ("cli", False, False),
+        ("plots", False, False),
+        ("gap", False, False),
+        ("study", False, False),
+        ("report", True, False),
+        ("plots", True, True),
+    }
+
+
+def test_the_public_face_imports_nothing_until_it_is_asked():
+    code = (
+        "import sys, ivtools; ivtools.Record; "
+        "print(*{name.split('.')[0] for name in sys.modules} & {'pandas', 'scipy', 'numba', "
+        "'control', 'statsmodels', 'matplotlib', 'pooch', 'joblib', 'cvxpy', 'pymoo', 'dask'})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+@pytest.mark.parametrize("name", [n for n in ivtools.__all__ if (ROOT / f"{n}.py").exists()])
+def test_public_modules_are_attributes(name):
+    assert getattr(ivtools, name).__name__ == f"ivtools.{name}"
+
+
+def test_an_unknown_public_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'Rekord'"):
+        ivtools.Rekord  # noqa: B018
