@@ -104,7 +104,7 @@ class Problem:
 
     def _through(self, motion: Motion, force: Array) -> Array:
         """Return the rows (regressor, force) of a trajectory, measured or simulated."""
-        columns = self.loop.columns(motion, force, self.record.t - self.record.t[0])
+        columns = self.loop.regressor(motion, force, self.record.t - self.record.t[0])
         return self.pipeline.rows(np.hstack([columns, force]), self._speed)
 
     # --- simulated -----------------------------------------------------------------------------

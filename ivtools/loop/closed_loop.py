@@ -219,9 +219,7 @@ class ClosedLoop:
         """Return the recorded command, (n_samples, n_joints): nu, or tau over the gain."""
         return record.nu if record.nu is not None else self.force(record) / self.gain
 
-    def columns(
-        self, motion: Motion, tau: ArrayLike = 0.0, t: ArrayLike = 0.0
-    ) -> Array:
+    def regressor(self, motion: Motion, tau: ArrayLike = 0.0, t: ArrayLike = 0.0) -> Array:
         """Return the observation matrix along a trajectory, (n_samples, n_parameters).
 
         Parameters
@@ -252,6 +250,7 @@ class ClosedLoop:
         force_noise: ArrayLike | None = None,
         quantum: float = 0.0,
         ramp: bool = False,
+        stiction: bool = True,
     ) -> Simulation:
         """Simulate the closed loop, driven by the record's reference and added input.
 
@@ -271,6 +270,10 @@ class ClosedLoop:
             Resolution of the encoder, m or rad; 0 is none.
         ramp : bool
             Interpolate the added input between samples instead of holding it.
+        stiction : bool
+            Locate reversals and hold the axis while friction can; False takes sign(dq) as it
+            comes, which chatters at standstill, as simulations without zero-crossing
+            detection do.
 
         Returns
         -------
@@ -295,6 +298,7 @@ class ClosedLoop:
             force_noise=force_noise,
             quantum=quantum,
             ramp=ramp,
+            stiction=stiction,
         )
 
     def system(
@@ -371,7 +375,7 @@ def rough_inertia(loop: ClosedLoop, record: Record) -> float:
     pipeline = Pipeline(record.sampling_hz / 50.0, width, trim=(5 * width, 5 * width))
     motion = pipeline.differentiate(record.q, record.dt)
     rigid = loop.with_terms("inertia", "viscous", "coulomb", "offset")
-    rows = pipeline.rows(np.hstack([rigid.columns(motion), loop.force(record)]))
+    rows = pipeline.rows(np.hstack([rigid.regressor(motion), loop.force(record)]))
     inertia = float(solve_iv(rows[:, :-1], rows[:, -1])[0])
     if not inertia > 0.0:
         raise AxisError(

@@ -32,10 +32,13 @@ class Plant(NamedTuple):
     user: Callable[..., float]  # a user's own law
 
 
-def plant(loop: ClosedLoop, values: Mapping[str, float], general: bool = False) -> Plant:
+def plant(
+    loop: ClosedLoop, values: Mapping[str, float], general: bool = False, stiction: bool = True
+) -> Plant:
     """Collect the parameters of drive and mechanics for the kernel.
 
-    `general` asks for the general integrator where the closed form would do.
+    `general` asks for the general integrator where the closed form would do; without `stiction`
+    friction has no rule of standstill.
 
     Raises
     ------
@@ -61,7 +64,8 @@ def plant(loop: ClosedLoop, values: Mapping[str, float], general: bool = False) 
         p[name] = value
     on["own"] = bool(mine)
     on["forces"] = any(t.law is not None and t.name not in mechanics.PLAIN for t in loop.terms)
-    on["effects"] = general or loop.delay > 0.0 or on["forces"] or any(on[name] for name in mechanics.STRUCTURAL)
+    on["sign"] = not stiction
+    on["effects"] = general or not stiction or loop.delay > 0.0 or on["forces"] or any(on[name] for name in mechanics.STRUCTURAL)
     return Plant(p, on, _compile(mine) if mine else mechanics.no_law)
 
 
@@ -84,6 +88,7 @@ def simulate(
     force_noise: ArrayLike | None,
     quantum: float,
     ramp: bool,
+    stiction: bool,
 ) -> Simulation:
     """Run the kernel; see `ClosedLoop.simulate`."""
     if record.n_joints != 1:
@@ -119,7 +124,7 @@ def simulate(
         q0,
         v0,
         first,
-        *plant(loop, values, general=ramp),
+        *plant(loop, values, general=ramp, stiction=stiction),
         out,
     )
     q, dq, ddq, nu = out[:, :, None]

@@ -90,6 +90,8 @@ def _rigid_directions(x, tau, t, p, on, user, masses):
 @njit(error_model="numpy")
 def _directions(x, tau, t, p, on, user, masses):
     """Do the same for two masses; a bristle has no standstill and gives 0 for its mass."""
+    if on["sign"]:  # friction as its formula says, with no rule of standstill
+        return 0.0, 0.0
     s1 = np.sign(x[1]) if not on["presliding"] else 0.0
     s2 = np.sign(x[3]) if on["flexibility"] or on["backlash"] else 0.0
     if x[1] == 0.0 and not on["presliding"]:

@@ -22,7 +22,7 @@ OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user'
 PARAMETERS = np.dtype(
     [(n, float) for n in (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN)]
 )
-FLAGS = np.dtype([(name, bool) for name in (*TERMS, "forces", "own", "effects")])
+FLAGS = np.dtype([(name, bool) for name in (*TERMS, "forces", "own", "effects", "sign")])
 
 _ALWAYS = ("viscous", "coulomb", "asymmetric-friction", "offset")
 STRUCTURAL = ("presliding", "flexibility", "backlash", "drive-timing")  # more than one rigid mass
@@ -151,9 +151,9 @@ def nets(x, s1, s2, tau, t, p, on, user, masses):
 @njit(error_model="numpy", forceinline=True)
 def rates(x, s1, s2, tau, t, p, on, user, masses):
     """Return dx/dt of the state x = (q1, v1, q2, v2, z); a mass with direction 0 stands still."""
-    if on["presliding"]:
+    if on["presliding"] or on["sign"]:
         s1 = np.sign(x[1])
     net1, net2, rate = nets(x, s1, s2, tau, t, p, on, user, masses)
-    a1 = net1 / masses[0] if s1 != 0.0 or on["presliding"] else 0.0
+    a1 = net1 / masses[0] if s1 != 0.0 or on["presliding"] or on["sign"] else 0.0
     a2 = net2 / masses[1] if s2 != 0.0 else 0.0
     return x[1], a1, x[3], a2, rate
