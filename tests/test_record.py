@@ -220,6 +220,7 @@ def test_an_unused_channel_may_be_zero(table):
     ],
     ids=["milliseconds", "microscopic", "counts"],
 )
+@pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")  # the second of two
 def test_a_wrong_unit_is_suspected(table, change, message):
     with pytest.warns(RecordWarning, match=message):
         record = Record.from_dict(change(table()))
