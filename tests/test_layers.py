@@ -15,7 +15,7 @@ ROOT = Path(ivtools.__file__).parent
 #: Rooms from left to right. A room imports rooms to its left, and nothing beside it.
 ORDER = [
     ("errors",),
-    ("columns", "csv_layout", "tables"),
+    ("columns", "csv_layout", "registry", "tables"),
     ("checks", "readers"),
     ("record", "linalg", "pipeline"),
     ("datasets", "physics"),
