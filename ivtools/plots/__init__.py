@@ -1,0 +1,14 @@
+"""Figures: one function each, returning a matplotlib Figure that a paper can print.
+
+Figures are 80 mm wide, one column of a journal, with 7 pt letters; `style.save` writes them as
+SVG, PDF or PNG. No function here touches pyplot or its state.
+"""
+
+from __future__ import annotations
+
+from ivtools.plots.force import force
+from ivtools.plots.parameters import parameters
+from ivtools.plots.simulation import simulation
+from ivtools.plots.style import Sheet, save
+
+__all__ = ["Sheet", "force", "parameters", "save", "simulation"]

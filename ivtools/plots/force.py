@@ -1,0 +1,76 @@
+"""The measured force against the reconstructed one (the EMPS report's figures 3 and 4)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ivtools.plots.style import (
+    COLOURS,
+    WIDTH_MM,
+    Sheet,
+    legend_above,
+    line,
+    look,
+    sheet,
+)
+
+if TYPE_CHECKING:
+    from ivtools.problem import Problem
+    from ivtools.results import FitResults
+
+
+def force(
+    results: FitResults,
+    problem: Problem | None = None,
+    *,
+    title: str | None = None,
+    width_mm: float = WIDTH_MM,
+) -> Sheet:
+    """Draw the measured and the reconstructed force over time, their difference below.
+
+    Parameters
+    ----------
+    results : FitResults
+        The estimate.
+    problem : Problem, optional
+        Another record to reconstruct with it (cross-test); default: its own.
+    title : str, optional
+        Default: method and relative error.
+    width_mm : float
+        Width of the figure, mm.
+
+    Returns
+    -------
+    Figure
+
+    Examples
+    --------
+    >>> import ivtools as iv
+    >>> fit = iv.IDIMLS().fit(iv.Problem(iv.datasets.twin(), iv.axes.emps()))
+    >>> len(force(fit).axes)
+    2
+    """
+    own = problem or results.problem
+    y = results.y if problem is None else problem.y
+    model = results.fitted if problem is None else problem.X @ results.params.to_numpy()
+    joint = own.loop.joint if own is not None else "prismatic"
+    t = own.t if own is not None and len(own.t) == len(y) else np.arange(len(y), dtype=float)
+    name, unit = ("Force", "N") if joint == "prismatic" else ("Torque", "N m")
+    relative = 100.0 * np.linalg.norm(y - model) / np.linalg.norm(y)
+    with look():
+        figure = sheet(width_mm, 62.0)
+        top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
+        line(top, t, y, color=COLOURS["measured"], lw=1.7, label="measured")
+        line(top, t, model, color=COLOURS["model"], lw=0.7, label="reconstructed")
+        line(bottom, t, y - model, color=COLOURS["error"], lw=0.6)
+        top.set_ylabel(f"{name} ({unit})")
+        bottom.set_ylabel(f"Error ({unit})")
+        top.tick_params(bottom=False)
+        bottom.set_xlabel("Time (s)" if own is not None else "Row")
+        legend_above(top)
+        what = "cross-test" if problem is not None else "relative error"
+        figure.suptitle(title or f"{results.method.upper()}: {what} {relative:.2f} %", fontsize=7.5)
+        figure.align_ylabels()
+    return figure

@@ -1,0 +1,170 @@
+"""What all figures share: size, letters, colours, units, and how they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MM = 1.0 / 25.4  # inches
+WIDTH_MM = 80.0  # one column of a journal
+
+#: Colours that the colour-blind tell apart (Okabe, Ito 2008), and grey levels that differ too.
+COLOURS = {
+    "measured": "#56b4e9",
+    "model": "#a03c00",
+    "error": "#4d4d4d",
+    "truth": "#000000",
+    "series": ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"),
+}
+MARKERS = "osD^vP*X"
+
+_STYLE: Mapping[str, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 7.0,
+    "axes.titlesize": 7.5,
+    "axes.labelsize": 7.0,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "legend.fontsize": 6.5,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.5,
+    "axes.axisbelow": True,
+    "lines.linewidth": 0.9,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "ivtools",
+    "agg.path.chunksize": 20000,
+}
+_FREE: Mapping[str, dict[str, Any]] = {  # the same figure is the same file
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None},
+    "png": {"Software": None},
+}
+
+
+class Sheet(Figure):
+    """A matplotlib Figure that shows itself in a notebook without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        return encode(self, "png", dpi=160)
+
+
+@contextmanager
+def look() -> Iterator[None]:
+    """Apply the style to what is drawn inside the block, and to nothing else."""
+    with mpl.rc_context({k: v for k, v in _STYLE.items()}):
+        yield
+
+
+def sheet(width_mm: float, height_mm: float) -> Sheet:
+    """Return an empty figure of this size; call it inside `look`."""
+    return Sheet(figsize=(width_mm * MM, height_mm * MM), layout="constrained", dpi=200)
+
+
+def line(axes: Axes, t: Array, x: Array, **options: Any) -> None:
+    """Draw a signal; one with many samples becomes pixels, which keeps the file small."""
+    axes.plot(t, np.ravel(x), rasterized=len(t) > 3000, **options)
+
+
+def legend_above(axes: Axes, columns: int = 3) -> None:
+    """Put the legend between the axes and their title, where it hides nothing."""
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=columns,
+        borderaxespad=0.1,
+        handlelength=1.4,
+        columnspacing=1.0,
+        handletextpad=0.5,
+    )
+
+
+def readable(unit: str) -> str:
+    """Return a unit as it is printed on an axis: m/s2 becomes m/s².
+
+    Examples
+    --------
+    >>> readable("kg m2")
+    'kg m²'
+    """
+    return unit.replace("2", "²").replace("3", "³")
+
+
+def units_of(joint: str) -> dict[str, str]:
+    """Return the units of the signals of a prismatic or revolute joint."""
+    length, force = ("m", "N") if joint == "prismatic" else ("rad", "N m")
+    return {
+        "position": length,
+        "velocity": f"{length}/s",
+        "acceleration": f"{length}/s2",
+        "force": force,
+        "torque": force,
+    }
+
+
+def scaled(x: Array, unit: str) -> tuple[float, str]:
+    """Return a factor and the unit that make a small signal readable: 2e-5 m is 20 µm.
+
+    Examples
+    --------
+    >>> scaled(np.array([2e-5, -1e-5]), "m")
+    (1000000.0, 'µm')
+    >>> scaled(np.array([3.0]), "N m")
+    (1.0, 'N m')
+    """
+    size = float(np.max(np.abs(x), initial=0.0))
+    if unit[:2] == "kg" or not np.isfinite(size) or size == 0.0 or size >= 0.1:
+        return 1.0, unit
+    steps = ((1e3, "m"), (1e6, "µ"), (1e9, "n"))
+    for factor, prefix in steps:
+        if size * factor >= 0.1:
+            return factor, prefix + unit
+    return 1.0, unit
+
+
+def encode(figure: Figure, kind: str = "svg", dpi: int = 200) -> bytes:
+    """Return a figure as an SVG, PDF or PNG file."""
+    buffer = BytesIO()
+    with look():
+        figure.savefig(buffer, format=kind, dpi=dpi, metadata=_FREE.get(kind))
+    return buffer.getvalue()
+
+
+def save(figure: Figure, path: str | Path, dpi: int = 200) -> Path:
+    """Write a figure; the suffix of the path says as what.
+
+    Parameters
+    ----------
+    figure : Figure
+        As the functions of `ivtools.plots` return it.
+    path : str or Path
+        Ends in svg, pdf or png; its folder is made.
+    dpi : int
+        Pixels per inch of what is drawn in pixels.
+
+    Returns
+    -------
+    Path
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(encode(figure, path.suffix[1:] or "svg", dpi))
+    return path
