@@ -33,7 +33,9 @@ def read(path: str | Path) -> ClosedLoop:
     try:
         tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        raise AxisError(f"axis file {path}: {error.strerror or error}; give the path of a TOML file") from error
+        raise AxisError(
+            f"axis file {path}: {error.strerror or error}; give the path of a TOML file"
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise AxisError(f"axis file {path} is not TOML: {error}") from error
     try:
@@ -48,7 +50,9 @@ def from_tables(tables: Mapping[str, Any]) -> ClosedLoop:
     axis, drive = tables.get("axis", {}), tables["drive"]
     model = tables.get("model", {})
     terms = model.get("terms", ["inertia", "viscous", "coulomb", "offset"])
-    if not (isinstance(terms, list) and terms and all(isinstance(t, str) for t in terms)):
+    if not (
+        isinstance(terms, list) and terms and all(isinstance(t, str) for t in terms)
+    ):
         raise AxisError(f"[model] terms = {terms!r}; give a list of term names")
     start = _mapping("model.start", model.get("start", {}))
     return ClosedLoop(
@@ -61,7 +65,9 @@ def from_tables(tables: Mapping[str, Any]) -> ClosedLoop:
         start={key: _number("model.start", key, value) for key, value in start.items()},
         columns={
             str(k): str(v)
-            for k, v in _mapping("record.columns", tables.get("record", {}).get("columns", {})).items()
+            for k, v in _mapping(
+                "record.columns", tables.get("record", {}).get("columns", {})
+            ).items()
         },
     )
 
@@ -70,11 +76,15 @@ def _check(tables: Mapping[str, Any]) -> None:
     """Refuse what is unknown, and name what is missing."""
     for table, content in tables.items():
         if table not in _TABLES:
-            raise AxisError(f"[{table}] is not known; known tables: {', '.join(_TABLES)}")
+            raise AxisError(
+                f"[{table}] is not known; known tables: {', '.join(_TABLES)}"
+            )
         known = {*_TABLES[table], *(_SETTINGS if table == "controller" else ())}
         for key in _mapping(table, content):
             if key not in known:
-                raise AxisError(f"[{table}] does not know {key!r}; it knows: {', '.join(sorted(known))}")
+                raise AxisError(
+                    f"[{table}] does not know {key!r}; it knows: {', '.join(sorted(known))}"
+                )
     for table, keys in _REQUIRED.items():
         for key in keys:
             if key not in tables.get(table, {}):
@@ -85,13 +95,22 @@ def _controller(table: Mapping[str, Any]) -> Controller:
     settings = {k: v for k, v in table.items() if k in _SETTINGS}
     taps = table.get("velocity_filter", [1.0])
     if not isinstance(taps, list):
-        raise AxisError(f"[controller] velocity_filter = {taps!r}; give a list of FIR weights")
+        raise AxisError(
+            f"[controller] velocity_filter = {taps!r}; give a list of FIR weights"
+        )
     if not isinstance(table["kind"], str):
-        raise AxisError(f"[controller] kind = {table['kind']!r}; give one of {', '.join(KINDS)}")
+        raise AxisError(
+            f"[controller] kind = {table['kind']!r}; give one of {', '.join(KINDS)}"
+        )
     return Controller(
         kind=table["kind"],
-        settings={k: v if isinstance(v, list) else _number("controller", k, v) for k, v in settings.items()},
-        velocity_filter=tuple(_number("controller", "velocity_filter", v) for v in taps),
+        settings={
+            k: v if isinstance(v, list) else _number("controller", k, v)
+            for k, v in settings.items()
+        },
+        velocity_filter=tuple(
+            _number("controller", "velocity_filter", v) for v in taps
+        ),
         delay=table.get("delay", 0),
         limit=_number("controller", "limit", table.get("limit", float("inf"))),
     )

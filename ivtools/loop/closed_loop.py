@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import ceil, isfinite
 from pathlib import Path
@@ -77,17 +77,23 @@ class ClosedLoop:
         names = [term.name for term in self.terms]
         for name in names:
             if names.count(name) > 1:
-                raise AxisError(f"term {name!r} is given twice; a model holds each term once")
+                raise AxisError(
+                    f"term {name!r} is given twice; a model holds each term once"
+                )
         if self.joint not in ("prismatic", "revolute"):
             raise AxisError(f"joint is {self.joint!r}; it is 'prismatic' or 'revolute'")
         if not (isfinite(self.gain) and self.gain != 0.0):
             raise AxisError(f"drive gain is {self.gain}; it must be finite and not 0")
         if not (isfinite(self.delay) and self.delay >= 0.0):
-            raise AxisError(f"drive delay is {self.delay} s; it must be finite and not negative")
+            raise AxisError(
+                f"drive delay is {self.delay} s; it must be finite and not negative"
+            )
         for key in self.start:
             if key not in self.parameters:
                 known = ", ".join(self.parameters)
-                raise AxisError(f"start value {key!r} is not a parameter; parameters: {known}")
+                raise AxisError(
+                    f"start value {key!r} is not a parameter; parameters: {known}"
+                )
 
     @classmethod
     def from_file(cls, path: str | Path) -> ClosedLoop:
@@ -107,7 +113,9 @@ class ClosedLoop:
     @property
     def parameters(self) -> dict[str, Parameter]:
         """Every parameter by its full name."""
-        return {n: p for t in self.terms for n, p in zip(t.names, t.parameters, strict=True)}
+        return {
+            n: p for t in self.terms for n, p in zip(t.names, t.parameters, strict=True)
+        }
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -131,8 +139,8 @@ class ClosedLoop:
         Parameters
         ----------
         theta : mapping, Series or array_like, optional
-            Values by name, or in the order of `names`. What it lacks comes from `start`; a
-            shape parameter may also keep its neutral value.
+            Values by name, or in the order of `names`. What it lacks comes from `start`; the
+            parameters of an effect, and shape parameters, may also keep their neutral values.
 
         Raises
         ------
@@ -156,17 +164,21 @@ class ClosedLoop:
         for key, value in given.items():
             if key not in self.parameters:
                 known = ", ".join(self.parameters)
-                raise AxisError(f"parameter {key!r} is not in the model, whose are: {known}")
+                raise AxisError(
+                    f"parameter {key!r} is not in the model, whose are: {known}"
+                )
             if not isfinite(value):
                 raise AxisError(f"parameter {key} is {value}; it must be finite")
         return {n: self._value(n, p, given) for n, p in self.parameters.items()}
 
-    def _value(self, name: str, parameter: Parameter, given: Mapping[str, float]) -> float:
+    def _value(
+        self, name: str, parameter: Parameter, given: Mapping[str, float]
+    ) -> float:
         if name in given:
             return given[name]
         if name in self.start:
             return float(self.start[name])
-        if name in self.names:
+        if name in self.names and any(t.base and name in t.names for t in self.terms):
             raise AxisError(
                 f"parameter {name!r} has no value; give theta, or a starting value in [model.start]"
             )
@@ -201,7 +213,9 @@ class ClosedLoop:
         names = dict(zip((p.name for p in term.parameters), term.names, strict=True))
         for key in values:
             if key not in names:
-                raise AxisError(f"{term.name} has no parameter {key!r}; it has {', '.join(names)}")
+                raise AxisError(
+                    f"{term.name} has no parameter {key!r}; it has {', '.join(names)}"
+                )
         start = {**self.start, **{names[k]: float(v) for k, v in values.items()}}
         return replace(self, terms=(*self.terms, term), start=start)
 
@@ -212,14 +226,18 @@ class ClosedLoop:
         if record.tau is not None:
             return record.tau
         if record.nu is None:
-            raise RecordError("the record has neither nu nor tau; one of them is needed")
+            raise RecordError(
+                "the record has neither nu nor tau; one of them is needed"
+            )
         return self.gain * record.nu
 
     def command(self, record: Record) -> Array:
         """Return the recorded command, (n_samples, n_joints): nu, or tau over the gain."""
         return record.nu if record.nu is not None else self.force(record) / self.gain
 
-    def regressor(self, motion: Motion, tau: ArrayLike = 0.0, t: ArrayLike = 0.0) -> Array:
+    def regressor(
+        self, motion: Motion, tau: ArrayLike = 0.0, t: ArrayLike = 0.0
+    ) -> Array:
         """Return the observation matrix along a trajectory, (n_samples, n_parameters).
 
         Parameters
@@ -302,7 +320,11 @@ class ClosedLoop:
         )
 
     def system(
-        self, theta: Theta | None = None, *, dt: float = 1e-3, substeps: int | None = None
+        self,
+        theta: Theta | None = None,
+        *,
+        dt: float = 1e-3,
+        substeps: int | None = None,
     ) -> control.InterconnectedSystem:
         """Return the closed loop as a discrete python-control system with named signals.
 
@@ -360,7 +382,9 @@ class ClosedLoop:
                 "the closed loop has no mode of its own; check the controller's gains, or give a "
                 "Pipeline"
             )
-        return Pipeline.from_bandwidth(float(f"{natural:.0e}"), record.sampling_hz, **settings)
+        return Pipeline.from_bandwidth(
+            float(f"{natural:.0e}"), record.sampling_hz, **settings
+        )
 
 
 def rough_inertia(loop: ClosedLoop, record: Record) -> float:

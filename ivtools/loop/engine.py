@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
+_START_SAMPLES = (
+    20  # the initial velocity is the slope of a parabola through so many samples
+)
 
 
 class Plant(NamedTuple):
@@ -33,7 +35,10 @@ class Plant(NamedTuple):
 
 
 def plant(
-    loop: ClosedLoop, values: Mapping[str, float], general: bool = False, stiction: bool = True
+    loop: ClosedLoop,
+    values: Mapping[str, float],
+    general: bool = False,
+    stiction: bool = True,
 ) -> Plant:
     """Collect the parameters of drive and mechanics for the kernel.
 
@@ -59,13 +64,18 @@ def plant(
                 p[name] = values[name]
     own = [values[name] for term in mine for name in term.names]
     if len(own) > len(mechanics.OWN):
-        raise AxisError(f"own terms have {len(own)} parameters; at most {len(mechanics.OWN)} fit")
+        raise AxisError(
+            f"own terms have {len(own)} parameters; at most {len(mechanics.OWN)} fit"
+        )
     for name, value in zip(mechanics.OWN, own, strict=False):
         p[name] = value
     on["own"] = bool(mine)
-    on["forces"] = any(t.law is not None and t.name not in mechanics.PLAIN for t in loop.terms)
+    on["laws"] = sum(mechanics.BITS.get(t.name, 0) for t in loop.terms if t not in mine)
     on["sign"] = not stiction
-    on["effects"] = general or not stiction or loop.delay > 0.0 or on["forces"] or any(on[name] for name in mechanics.STRUCTURAL)
+    on["structure"] = not stiction or any(on[name] for name in mechanics.STRUCTURAL)
+    on["effects"] = (
+        general or loop.delay > 0.0 or on["laws"] or on["own"] or on["structure"]
+    )
     return Plant(p, on, _compile(mine) if mine else mechanics.no_law)
 
 
@@ -73,7 +83,9 @@ def plant(
 def _compile(terms: tuple[Term, ...]) -> Callable[..., float]:
     for term in terms:
         if term.law is None:
-            raise AxisError(f"{term.name} has no law; a term of your own needs one to be simulated")
+            raise AxisError(
+                f"{term.name} has no law; a term of your own needs one to be simulated"
+            )
     return mechanics.user_law(terms)
 
 
@@ -92,14 +104,22 @@ def simulate(
 ) -> Simulation:
     """Run the kernel; see `ClosedLoop.simulate`."""
     if record.n_joints != 1:
-        raise ShapeError(f"the record has {record.n_joints} joints; a loop simulates one")
+        raise ShapeError(
+            f"the record has {record.n_joints} joints; a loop simulates one"
+        )
     if record.q_ref is None:
-        raise RecordError("q_ref is missing; the closed loop is driven by the position reference")
+        raise RecordError(
+            "q_ref is missing; the closed loop is driven by the position reference"
+        )
     n, dt = record.n_samples, record.dt
     controller = effective_controller(loop, values)
     law = controller.law(dt)
     q_ref, added = record.q_ref[:, 0], _column(record.added, n)
-    dq_ref = _column(record.dq_ref, n) if record.dq_ref is not None else np.gradient(q_ref, dt)
+    dq_ref = (
+        _column(record.dq_ref, n)
+        if record.dq_ref is not None
+        else np.gradient(q_ref, dt)
+    )
     q0, v0, first = _initial(loop, record, initial, controller.delay, added)
     limit = min(controller.limit, values.get("saturation.limit", np.inf))
     out = np.empty((4, n))
@@ -134,9 +154,14 @@ def simulate(
 def effective_controller(loop: ClosedLoop, values: Mapping[str, float]) -> Controller:
     """Return the controller, with the mismatch that the model gives it."""
     changes = {
-        key: values.get(f"controller-mismatch.{key}", 0.0) for key in ("kp", "kv", "velocity_filter")
+        key: values.get(f"controller-mismatch.{key}", 0.0)
+        for key in ("kp", "kv", "velocity_filter")
     }
-    return loop.controller.with_mismatch(**changes) if any(changes.values()) else loop.controller
+    return (
+        loop.controller.with_mismatch(**changes)
+        if any(changes.values())
+        else loop.controller
+    )
 
 
 def _initial(
@@ -153,7 +178,9 @@ def _initial(
     try:
         q0, v0 = (float(x) for x in initial)
     except (TypeError, ValueError):
-        raise AxisError(f"initial is {initial!r}; it is 'record', 'rest' or (q, dq)") from None
+        raise AxisError(
+            f"initial is {initial!r}; it is 'record', 'rest' or (q, dq)"
+        ) from None
     return q0, v0, np.zeros(delay + 1)
 
 
@@ -172,5 +199,7 @@ def _noise(name: str, noise: ArrayLike | None, n: int) -> Array:
         return np.zeros(0)
     array = np.ravel(np.asarray(noise, dtype=float))
     if len(array) != n:
-        raise ShapeError(f"{name} has {len(array)} samples and the record {n}; both must match")
+        raise ShapeError(
+            f"{name} has {len(array)} samples and the record {n}; both must match"
+        )
     return array

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .mechanics import masses_of, nets, rates, resistance
+from .mechanics import masses_of, nets, plain_resistance, rates, resistance
 
 _MAX_EVENTS, _MAX_SUBSTEPS = 8, 64
 
@@ -42,7 +42,11 @@ def _force(drive, t):
 
 @njit(error_model="numpy")
 def _runge_kutta(x, s1, s2, h, drive, at, t, p, on, user, masses):
-    start, middle, end = _force(drive, at), _force(drive, at + 0.5 * h), _force(drive, at + h)
+    start, middle, end = (
+        _force(drive, at),
+        _force(drive, at + 0.5 * h),
+        _force(drive, at + h),
+    )
     k1 = rates(x, s1, s2, start, t, p, on, user, masses)
     k2 = rates(_shift(x, 0.5 * h, k1), s1, s2, middle, t + 0.5 * h, p, on, user, masses)
     k3 = rates(_shift(x, 0.5 * h, k2), s1, s2, middle, t + 0.5 * h, p, on, user, masses)
@@ -51,24 +55,57 @@ def _runge_kutta(x, s1, s2, h, drive, at, t, p, on, user, masses):
     return _shift(_shift(x, h / 3.0, k3), h / 6.0, k4), k1[1]
 
 
-@njit(error_model="numpy", forceinline=True)
-def _closed_form(x, s1, s2, h, drive, at, t, p, on, user, masses):
-    """Move one rigid mass under a held force: exact where friction is linear in the velocity.
+@njit(error_model="numpy")
+def _one_mass(x, s1, s2, h, drive, at, t, p, on, user, masses):
+    """Do the same for one rigid mass."""
+    q, v, w = x[0], x[1], 1.0 / p["inertia"] if s1 != 0.0 else 0.0
+    half, middle, end = 0.5 * h, _force(drive, at + 0.5 * h), _force(drive, at + h)
+    start = _force(drive, at)
+    a1 = w * (start - resistance(q, v, s1, start, t, p, on, user))
+    v2 = v + half * a1
+    a2 = w * (middle - resistance(q + half * v, v2, s1, middle, t + half, p, on, user))
+    v3 = v + half * a2
+    a3 = w * (middle - resistance(q + half * v2, v3, s1, middle, t + half, p, on, user))
+    v4 = v + h * a3
+    a4 = w * (end - resistance(q + h * v3, v4, s1, end, t + h, p, on, user))
+    q += h / 6.0 * (v + 2.0 * (v2 + v3) + v4)
+    return (q, v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4), 0.0, 0.0, 0.0), a1
 
-    With a the acceleration at the start and z = h (dR/dv) / M, the velocity gains h a phi1(z) and
-    the position h v + h^2 a phi2(z), where phi1(z) = (1 - exp(-z))/z, phi2(z) = (1 - phi1(z))/z.
+
+@njit(error_model="numpy", forceinline=True)
+def _glide(s, h, p):
+    """Return how one rigid mass moves in direction s over h, friction linear in the velocity.
+
+    The acceleration at the start is a = (tau - level) / M - rate v; with z = h rate the velocity
+    gains a h phi1(z), the position h v + a h^2 phi2(z), where phi1(z) = (1 - exp(-z))/z and
+    phi2(z) = (1 - phi1(z))/z. Exact under a held force. Returns level, rate and both factors of a.
     """
-    q, v, tau = x[0], x[1], drive[0]
-    still = resistance(q, 0.0, s1, tau, t, p, on, user)
-    rate = (resistance(q, 1.0, s1, tau, t, p, on, user) - still) / p["inertia"]
-    a = (tau - still) / p["inertia"] - rate * v if s1 != 0.0 else 0.0
+    level = plain_resistance(0.0, 0.0, s, 0.0, 0.0, p)
+    rate = (plain_resistance(0.0, 1.0, s, 0.0, 0.0, p) - level) / p["inertia"]
     z = h * rate
     if abs(z) < 0.02:  # six terms of the series are exact to rounding
-        phi2 = 0.5 - z / 6 * (1.0 - z / 4 * (1.0 - z / 5 * (1.0 - z / 6 * (1.0 - z / 7))))
+        phi2 = 0.5 - z / 6 * (
+            1.0 - z / 4 * (1.0 - z / 5 * (1.0 - z / 6 * (1.0 - z / 7)))
+        )
     else:
         phi2 = (1.0 + np.expm1(-z) / z) / z
-    phi1 = 1.0 - z * phi2
-    return (q + h * (v + h * a * phi2), v + h * a * phi1, x[2], x[3], x[4]), a
+    return level, rate, h * (1.0 - z * phi2), h * h * phi2
+
+
+@njit(error_model="numpy", forceinline=True)
+def _glided(q, v, h, tau, inertia, glide):
+    level, rate, to_speed, to_place = glide
+    a = (tau - level) / inertia - rate * v
+    return q + (h * v + to_place * a), v + to_speed * a, a
+
+
+@njit(error_model="numpy")
+def _closed_form(x, s1, s2, h, drive, at, t, p, on, user, masses):
+    """Move one rigid mass under a held force."""
+    if s1 == 0.0:
+        return x, 0.0
+    q, v, a = _glided(x[0], x[1], h, drive[0], p["inertia"], _glide(s1, h, p))
+    return (q, v, 0.0, 0.0, 0.0), a
 
 
 @njit(error_model="numpy")
@@ -115,7 +152,9 @@ def _build(step, directions):
         load = x[3] / (x[3] - y[3]) if y[3] * s2 < 0.0 else 2.0
         first = 1 if motor <= load else 3
         a, va, b, vb, c = 0.0, x[first], h, y[first], 0.0
-        for _ in range(4):  # the velocity is nearly straight over a step: secants are enough
+        for _ in range(
+            4
+        ):  # the velocity is nearly straight over a step: secants are enough
             c = a + (b - a) * va / (va - vb)
             y, _ = step(x, s1, s2, c, drive, at, t, p, on, user, masses)
             if y[first] * va > 0.0:
@@ -151,7 +190,26 @@ def _build(step, directions):
 
 
 _rigid = _build(_closed_form, _rigid_directions)
-_general = _build(_runge_kutta, _directions)
+_general = _build(_one_mass, _rigid_directions)
+_structure = _build(_runge_kutta, _directions)
+
+
+@njit(error_model="numpy", forceinline=True)
+def glides(dt, p):
+    """Return what `rigid_step` needs to know of motions ahead and back over a whole sample."""
+    return _glide(1.0, dt, p), _glide(-1.0, dt, p)
+
+
+@njit(error_model="numpy", forceinline=True)
+def rigid_step(q, v, tau, dt, ahead_and_back, p, on, user):
+    """Advance one rigid mass over one sample under a held force; also return the acceleration."""
+    ahead, back = ahead_and_back
+    place, speed, a = _glided(q, v, dt, tau, p["inertia"], ahead if v > 0.0 else back)
+    if v * speed > 0.0:  # no reversal on the way
+        return place, speed, a
+    held = (tau, 0.0, 0.0, 0.0)
+    x, a = _rigid((q, v, 0.0, 0.0, 0.0), dt, held, 0.0, 0.0, p, on, user, (0.0,) * 6)
+    return x[0], x[1], a
 
 
 @njit(error_model="numpy")
@@ -183,7 +241,10 @@ def _segment(x, force, command, span, slope, disturbance, t, n, p, on, user):
     masses, steps = masses_of(p, on), _substeps(x, span, n, p, on, user)
     h, acceleration = span / steps, 0.0
     for i in range(steps):
-        x, a = _general(x, h, drive, i * h, t + i * h, p, on, user, masses)
+        if on["structure"]:
+            x, a = _structure(x, h, drive, i * h, t + i * h, p, on, user, masses)
+        else:
+            x, a = _general(x, h, drive, i * h, t + i * h, p, on, user, masses)
         acceleration = a if i == 0 else acceleration
     return x, _force(drive, span) - disturbance, acceleration
 
@@ -220,9 +281,9 @@ def plant_step(x, force, old, new, part, slope, disturbance, t, dt, n, p, on, us
         Acceleration at the start of the sample, m/s2 or rad/s2.
     """
     if not on["effects"]:
-        held = (p["gain"] * new + disturbance, 0.0, 0.0, 0.0)
-        x, acceleration = _rigid(x, dt, held, 0.0, t, p, on, user, (0.0,) * 6)
-        return x, force, acceleration
+        tau = p["gain"] * new + disturbance
+        q, v, acceleration = rigid_step(x[0], x[1], tau, dt, glides(dt, p), p, on, user)
+        return (q, v, 0.0, 0.0, 0.0), force, acceleration
     if part == 0.0:  # a command that switches inside the sample makes two segments
         return _segment(x, force, new, dt, slope, disturbance, t, n, p, on, user)
     first, rest = part * dt, dt - part * dt
@@ -230,6 +291,16 @@ def plant_step(x, force, old, new, part, slope, disturbance, t, dt, n, p, on, us
         x, force, old, first, slope, disturbance, t, n, p, on, user
     )
     x, force, _ = _segment(
-        x, force, new + slope * first, rest, slope, disturbance, t + first, n, p, on, user
+        x,
+        force,
+        new + slope * first,
+        rest,
+        slope,
+        disturbance,
+        t + first,
+        n,
+        p,
+        on,
+        user,
     )
     return x, force, acceleration

@@ -17,7 +17,7 @@ import platformdirs
 from numba import boolean, config, float64, from_dtype, int64, njit, types, void
 
 from ..physics.sensor import encoder
-from .integrator import drive_delay, plant_step
+from .integrator import drive_delay, glides, plant_step, rigid_step
 from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW
 
 
@@ -31,24 +31,33 @@ def _cached(signature):
     def decorate(function):
         here = Path(__file__).parent
         sources = sorted([*here.glob("*.py"), *(here.parent / "physics").glob("*.py")])
-        digest = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()[:12]
+        digest = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()[
+            :12
+        ]
         default = config.CACHE_DIR
         try:
-            config.CACHE_DIR = default or platformdirs.user_cache_dir(f"ivtools/kernel-{digest}")
-            return njit(signature, cache=True, nogil=True, error_model="numpy")(function)
+            config.CACHE_DIR = default or platformdirs.user_cache_dir(
+                f"ivtools/kernel-{digest}"
+            )
+            return njit(signature, cache=True, nogil=True, error_model="numpy")(
+                function
+            )
         finally:
             config.CACHE_DIR = default
 
     return decorate
 
 
-
-
 @njit(error_model="numpy")
 def measure(q, noise, quantum, p, on):
     """Return the position that the encoder reports, m or rad."""
     if on["encoder-eccentricity"]:
-        q = encoder(q, p["encoder-eccentricity.cosine"], p["encoder-eccentricity.sine"], p["encoder-eccentricity.period"])
+        q = encoder(
+            q,
+            p["encoder-eccentricity.cosine"],
+            p["encoder-eccentricity.sine"],
+            p["encoder-eccentricity.period"],
+        )
     q += noise
     return np.floor(q / quantum + 0.5) * quantum if quantum > 0.0 else q
 
@@ -117,48 +126,62 @@ def run(
     state-space part with inputs (q_ref, q). `first` holds the commands, added inputs excluded,
     that precede the law's own: `delay` of them, then the one before the record.
     """
-    samples, past = q_ref.size, np.empty(taps.size)
+    samples, past = q_ref.size, taps.size - 1
     inner, following = np.zeros(c_row.size), np.zeros(c_row.size)
-    law = np.empty(samples)
-    x, force = (q_start, v_start, q_start, v_start, 0.0), p["gain"] * first[delay]
     whole, part = drive_delay(dt, p, on)
-    for i in range(taps.size):
-        past[i] = measure(q_start - i * dt * v_start, 0.0, 0.0, p, on)
+    seen, law = np.empty(past + samples), np.empty(delay + samples)
+    sent = np.empty(whole + 1 + samples)
+    x, force, rigid = (
+        (q_start, v_start, q_start, v_start, 0.0),
+        p["gain"] * first[delay],
+        not on["effects"],
+    )
+    ahead_and_back = glides(dt, p)
+    q, v, a, gain = q_start, v_start, 0.0, p["gain"]
+    for i in range(past):
+        seen[i] = measure(q_start - (past - i) * dt * v_start, 0.0, 0.0, p, on)
+    law[:delay] = first[:delay]
+    sent[: whole + 1] = first[delay]
     for k in range(samples):
         noise = position_noise[k] if position_noise.size else 0.0
-        for i in range(taps.size - 1, 0, -1):
-            past[i] = past[i - 1] if k else past[i]
-        past[0] = measure(x[0], noise, quantum, p, on)
+        seen[past + k] = out[0, k] = measure(q, noise, quantum, p, on)
+        out[1, k] = v
         value = gains[0] * q_ref[k] + gains[1] * dq_ref[k]
         for i in range(taps.size):
-            value += taps[i] * past[i]
+            value += taps[i] * seen[past + k - i]
         if inner.size:
-            value += d_row[0] * q_ref[k] + d_row[1] * past[0]
+            value += d_row[0] * q_ref[k] + d_row[1] * seen[past + k]
             for i in range(inner.size):
                 value += c_row[i] * inner[i]
-                following[i] = b_matrix[i, 0] * q_ref[k] + b_matrix[i, 1] * past[0]
+                following[i] = (
+                    b_matrix[i, 0] * q_ref[k] + b_matrix[i, 1] * seen[past + k]
+                )
                 for j in range(inner.size):
                     following[i] += a_matrix[i, j] * inner[j]
             inner[:] = following
-        law[k] = value
-        command = law[k - delay] if k >= delay else first[k]
-        out[3, k] = min(max(command, -limit), limit) + added[k]
-        new = out[3, k - whole] if k >= whole else first[delay]
-        old = out[3, k - whole - 1] if k > whole else first[delay]
-        slope = (added[k + 1] - added[k]) / dt if ramp and k + 1 < samples else 0.0
-        out[0, k], out[1, k] = past[0], x[1]
-        x, force, out[2, k] = plant_step(
-            x,
-            force,
-            old,
-            new,
-            part,
-            slope,
-            force_noise[k] if force_noise.size else 0.0,
-            k * dt,
-            dt,
-            n,
-            p,
-            on,
-            user,
-        )
+        law[delay + k] = value
+        sent[whole + 1 + k] = out[3, k] = min(max(law[k], -limit), limit) + added[k]
+        disturbance = force_noise[k] if force_noise.size else 0.0
+        if rigid:
+            q, v, a = rigid_step(
+                q, v, gain * sent[k + 1] + disturbance, dt, ahead_and_back, p, on, user
+            )
+        else:
+            slope = (added[k + 1] - added[k]) / dt if ramp and k + 1 < samples else 0.0
+            x, force, a = plant_step(
+                x,
+                force,
+                sent[k],
+                sent[k + 1],
+                part,
+                slope,
+                disturbance,
+                k * dt,
+                dt,
+                n,
+                p,
+                on,
+                user,
+            )
+            q, v = x[0], x[1]
+        out[2, k] = a

@@ -18,14 +18,25 @@ from ..physics.transmission import coupling
 
 # Parameters and flags travel as records: fields have names, and a record is a bare pointer, where
 # an array would be reference-counted at every call.
-OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user's own laws
+_SWITCHES = ("own", "effects", "structure", "sign")
+OWN = tuple(
+    f"own.{i}" for i in range(12)
+)  # room for the parameters of a user's own laws
 PARAMETERS = np.dtype(
-    [(n, float) for n in (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN)]
+    [
+        (n, float)
+        for n in (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN)
+    ]
 )
-FLAGS = np.dtype([(name, bool) for name in (*TERMS, "forces", "own", "effects", "sign")])
+FLAGS = np.dtype([("laws", np.int64), *((name, bool) for name in (*TERMS, *_SWITCHES))])
 
 _ALWAYS = ("viscous", "coulomb", "asymmetric-friction", "offset")
-STRUCTURAL = ("presliding", "flexibility", "backlash", "drive-timing")  # more than one rigid mass
+STRUCTURAL = (
+    "presliding",
+    "flexibility",
+    "backlash",
+    "drive-timing",
+)  # more than one rigid mass
 PLAIN = (*_ALWAYS, "inertia")  # terms that need no flag
 
 _OWN = types.UniTuple(float64, len(OWN))
@@ -45,33 +56,43 @@ def _values(names):
     return values
 
 
-def _chain(names, flagged):
+def _sum(names):
     """Compose the force laws of these terms into one compiled sum."""
     if not names:
-
-        @njit(error_model="numpy")
-        def nothing(q, v, s, tau, t, p, on):
-            return 0.0
-
-        return nothing
-    before, term = _chain(names[:-1], flagged), TERMS[names[-1]]
-    law = njit(error_model="numpy")(term.law)
-    flag, values = term.name, _values(term.names)
+        return njit(lambda q, v, s, tau, t, p: 0.0)
+    before, term = _sum(names[:-1]), TERMS[names[-1]]
+    law, values = njit(error_model="numpy")(term.law), _values(term.names)
 
     @njit(error_model="numpy")
-    def total(q, v, s, tau, t, p, on):
-        f = before(q, v, s, tau, t, p, on)
-        if not flagged or on[flag]:
-            f += law(q, v, 0.0, s, tau, t, *values(p))
-        return f
+    def total(q, v, s, tau, t, p):
+        return before(q, v, s, tau, t, p) + law(q, v, 0.0, s, tau, t, *values(p))
 
     return total
 
 
+def _one_of(names):
+    """Compile the choice of one of these terms' laws by its bit; LLVM makes a jump table of it."""
+    if not names:
+        return njit(lambda bit, q, v, s, tau, t, p: 0.0)
+    before, term, own_bit = _one_of(names[:-1]), TERMS[names[-1]], BITS[names[-1]]
+    law, values = njit(error_model="numpy")(term.law), _values(term.names)
+
+    @njit(error_model="numpy")
+    def chosen(bit, q, v, s, tau, t, p):
+        if bit == own_bit:
+            return law(q, v, 0.0, s, tau, t, *values(p))
+        return before(bit, q, v, s, tau, t, p)
+
+    return chosen
+
+
+BITS = {
+    n: 1 << i
+    for i, n in enumerate(n for n, t in TERMS.items() if t.law and n not in PLAIN)
+}
 _own = _values(OWN)
-_rigid = _chain(_ALWAYS, False)
-_EXTRA = tuple(n for n, t in TERMS.items() if t.law and n not in PLAIN)
-_extra = _chain(_EXTRA, True)
+plain_resistance = _sum(_ALWAYS)
+_law = _one_of(tuple(BITS))
 
 
 @cfunc(SCALAR_LAW)
@@ -101,14 +122,17 @@ def user_law(terms):
     return cfunc(SCALAR_LAW)(lambda q, v, s, tau, t, own: total(q, v, s, tau, t, own))
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(error_model="numpy")
 def resistance(q, v, s, tau, t, p, on, user):
     """Return the force opposing a motion in direction s, N."""
-    f = _rigid(q, v, s, tau, t, p, on)
-    if on["forces"]:
-        f += _extra(q, v, s, tau, t, p, on)
-        if on["own"]:
-            f += user(q, v, s, tau, t, _own(p))
+    f = plain_resistance(q, v, s, tau, t, p)
+    laws = on["laws"]
+    while laws:
+        bit = laws & -laws
+        f += _law(bit, q, v, s, tau, t, p)
+        laws ^= bit
+    if on["own"]:
+        f += user(q, v, s, tau, t, _own(p))
     return f
 
 
@@ -117,9 +141,21 @@ def masses_of(p, on):
     """Return (m1, m2, friction share of the load, k, c, gap) of the one or two masses."""
     m = p["inertia"]
     if on["backlash"]:
-        r, share, hz, zeta, gap = p["backlash.load_share"], p["backlash.load_friction"], p["backlash.contact_hz"], p["backlash.damping"], p["backlash.gap"]
+        r, share, hz, zeta, gap = (
+            p["backlash.load_share"],
+            p["backlash.load_friction"],
+            p["backlash.contact_hz"],
+            p["backlash.damping"],
+            p["backlash.gap"],
+        )
     elif on["flexibility"]:
-        r, share, hz, zeta, gap = p["flexibility.load_share"], p["flexibility.load_friction"], p["flexibility.frequency_hz"], p["flexibility.damping"], 0.0
+        r, share, hz, zeta, gap = (
+            p["flexibility.load_share"],
+            p["flexibility.load_friction"],
+            p["flexibility.frequency_hz"],
+            p["flexibility.damping"],
+            0.0,
+        )
     else:
         return m, m, 0.0, 0.0, 0.0, 0.0
     reduced = m * r * (1.0 - r)
@@ -136,9 +172,13 @@ def nets(x, s1, s2, tau, t, p, on, user, masses):
     motor = (1.0 - share) * resistance(q1, v1, s1, tau, t, p, on, user)
     if on["presliding"]:
         up = resistance(q1, 0.0, 1.0, tau, t, p, on, user)
-        level = 0.5 * (1.0 - share) * (up - resistance(q1, 0.0, -1.0, tau, t, p, on, user))
+        level = (
+            0.5 * (1.0 - share) * (up - resistance(q1, 0.0, -1.0, tau, t, p, on, user))
+        )
         rate = bristle_rate(z, v1, level, p["presliding.stiffness"])
-        motor += p["presliding.stiffness"] * z + p["presliding.damping"] * rate - s1 * level
+        motor += (
+            p["presliding.stiffness"] * z + p["presliding.damping"] * rate - s1 * level
+        )
     if not (on["flexibility"] or on["backlash"]):
         return tau - motor, 0.0, rate
     link = coupling(q1 - q2, v1 - v2, masses[3], masses[4], masses[5])

@@ -54,7 +54,9 @@ class Simulation:
         """Whether the simulated loop stayed finite."""
         return bool(np.isfinite(self.nu[-1]).all() and np.isfinite(self.q[-1]).all())
 
-    def relative_error(self, record: Record, pipeline: Pipeline | None = None) -> dict[str, float]:
+    def relative_error(
+        self, record: Record, pipeline: Pipeline | None = None
+    ) -> dict[str, float]:
         """Return 100 ||measured - simulated|| / ||measured||, in per cent.
 
         The measured position is band-passed by the pipeline, whose trimmed samples do not count;
@@ -85,16 +87,25 @@ class Simulation:
         pipeline = pipeline or self.loop.pipeline(record)
         head, tail = pipeline.trim
         rows = slice(head, record.n_samples - tail)
-        measured = (*pipeline.differentiate(record.q, record.dt), self.loop.force(record))
+        measured = (
+            *pipeline.differentiate(record.q, record.dt),
+            self.loop.force(record),
+        )
         simulated = (*self.motion, self.tau)
         names = ("position", "velocity", "acceleration", "force")
         return {
-            name: 100.0 * float(np.linalg.norm(m[rows] - s[rows]) / np.linalg.norm(m[rows]))
+            name: 100.0
+            * float(np.linalg.norm(m[rows] - s[rows]) / np.linalg.norm(m[rows]))
             for name, m, s in zip(names, measured, simulated, strict=True)
         }
 
-    def to_record(self, name: str = "simulation", theta_true: dict[str, float] | None = None,
-                  q_ref: Array | None = None, added: Array | None = None) -> Record:
+    def to_record(
+        self,
+        name: str = "simulation",
+        theta_true: dict[str, float] | None = None,
+        q_ref: Array | None = None,
+        added: Array | None = None,
+    ) -> Record:
         """Return the simulated signals as a record, as if they had been measured.
 
         Raises
@@ -103,9 +114,16 @@ class Simulation:
             If the simulated loop diverged.
         """
         if not self.finite:
-            raise RecordError("the simulated loop is unstable; check the gains and the inertia")
+            raise RecordError(
+                "the simulated loop is unstable; check the gains and the inertia"
+            )
         return Record(
-            t=self.t, q=self.q, q_ref=q_ref, nu=self.nu, added=added, name=name,
+            t=self.t,
+            q=self.q,
+            q_ref=q_ref,
+            nu=self.nu,
+            added=added,
+            name=name,
             theta_true=theta_true,
         )
 

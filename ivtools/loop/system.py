@@ -35,7 +35,10 @@ def system(
     axis = _axis_block(loop, values, dt, substeps)
     return control.interconnect(
         [controller, axis],
-        connections=[["controller.q", "axis.q"], ["axis.command", "controller.command"]],
+        connections=[
+            ["controller.q", "axis.q"],
+            ["axis.command", "controller.command"],
+        ],
         inplist=["controller.q_ref", "controller.dq_ref", "axis.added"],
         inputs=["q_ref", "dq_ref", "added"],
         outlist=["axis.q", "axis.dq", "axis.nu", "axis.tau"],
@@ -55,7 +58,9 @@ def _controller_block(
     def value(x: Array, u: Array) -> float:
         positions = np.concatenate([u[2:], x[:past]])
         state, inputs = x[past : past + inner], u[[0, 2]]
-        return float(law.gains @ u[:2] + law.taps @ positions + law.C @ state + law.D @ inputs)
+        return float(
+            law.gains @ u[:2] + law.taps @ positions + law.C @ state + law.D @ inputs
+        )
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
         state = law.A @ x[past : past + inner] + law.B @ u[[0, 2]]
@@ -93,14 +98,31 @@ def _axis_block(
         return float(np.clip(u[0], -limit, limit) + added_gain * u[1])
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
-        line = [nu(u), *x[7:]]  # newest first; the plant is driven by what was sent `whole` ago
+        line = [
+            nu(u),
+            *x[7:],
+        ]  # newest first; the plant is driven by what was sent `whole` ago
         state, force, _ = plant_step(
-            tuple(x[:5]), x[5], line[-1], line[whole], part, 0.0, 0.0, x[6], dt, substeps, p, on, user
+            tuple(x[:5]),
+            x[5],
+            line[-1],
+            line[whole],
+            part,
+            0.0,
+            0.0,
+            x[6],
+            dt,
+            substeps,
+            p,
+            on,
+            user,
         )
         return np.array([*state, force, x[6] + dt, *line[: whole + 1]])
 
     def output(t: float, x: Array, u: Array, params: Any) -> Array:
-        return np.array([measure(x[0], 0.0, 0.0, p, on), x[1], nu(u), loop.gain * nu(u)])
+        return np.array(
+            [measure(x[0], 0.0, 0.0, p, on), x[1], nu(u), loop.gain * nu(u)]
+        )
 
     return control.nlsys(
         update,
@@ -133,7 +155,9 @@ def initial_state(
     return np.concatenate([past, lines, [q, dq, q, dq, 0.0, 0.0, 0.0], sent])
 
 
-def dominant_mode_hz(loop: ClosedLoop, inertia: float, viscous: float, dt: float) -> float:
+def dominant_mode_hz(
+    loop: ClosedLoop, inertia: float, viscous: float, dt: float
+) -> float:
     """Return the lowest natural frequency of the loop without dry friction, Hz.
 
     States that the loop does not use, and the free integrator of a velocity loop, do not count.
@@ -148,4 +172,6 @@ def dominant_mode_hz(loop: ClosedLoop, inertia: float, viscous: float, dt: float
     return _MODES[key]
 
 
-_MODES: dict[tuple[object, ...], float] = {}  # linearising takes longer than an estimate
+_MODES: dict[
+    tuple[object, ...], float
+] = {}  # linearising takes longer than an estimate

@@ -38,5 +38,7 @@ def find(names: Iterable[str | Term]) -> tuple[Term, ...]:
         elif name in TERMS:
             found.append(TERMS[name])
         else:
-            raise AxisError(f"{name!r} is not a term; known terms: {', '.join(sorted(TERMS))}")
+            raise AxisError(
+                f"{name!r} is not a term; known terms: {', '.join(sorted(TERMS))}"
+            )
     return tuple(found)

@@ -10,13 +10,16 @@ from .transmission import PERIOD
 TORQUE_RIPPLE = Term(
     "torque-ripple",
     "drive",
-    (Parameter("cosine", "1", scale="one"), Parameter("sine", "1", scale="one"), PERIOD),
+    (
+        Parameter("cosine", "1", scale="one"),
+        Parameter("sine", "1", scale="one"),
+        PERIOD,
+    ),
     "tau (1 + a cos(2 pi q/p) + b sin(2 pi q/p))",
     "Holtz, Springob, IEEE Trans. Industrial Electronics 43(2), 1996",
     law=lambda q, dq, ddq, sign, tau, t, a, b, p: (
         -tau * (a * np.cos(2.0 * np.pi * q / p) + b * np.sin(2.0 * np.pi * q / p))
     ),
-    substeps=2,
 )
 
 DRIVE_ASYMMETRY = Term(
@@ -26,7 +29,6 @@ DRIVE_ASYMMETRY = Term(
     "tau (1 + g sign(tau))",
     "unequal half-bridges of a power amplifier",
     law=lambda q, dq, ddq, sign, tau, t, g: -g * np.abs(tau),
-    substeps=2,
 )
 
 DEAD_ZONE = Term(
@@ -34,21 +36,29 @@ DEAD_ZONE = Term(
     "drive",
     (
         Parameter(
-            "force", "{F}", lower=0.0, neutral=0.0, scale="force", scan=(0.01, 0.03, 0.1)
+            "force",
+            "{F}",
+            lower=0.0,
+            neutral=0.0,
+            scale="force",
+            scan=(0.01, 0.03, 0.1),
         ),
     ),
     "tau - clip(tau, -d, d)",
     "Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996",
     law=lambda q, dq, ddq, sign, tau, t, d: np.minimum(np.maximum(tau, -d), d),
-    substeps=2,
 )
 
 DRIVE_TIMING = Term(
     "drive-timing",
     "drive",
     (
-        Parameter("delay", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.3, 1.0, 2.5)),
-        Parameter("lag", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.3, 1.0, 2.5)),
+        Parameter(
+            "delay", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.3, 1.0, 2.5)
+        ),
+        Parameter(
+            "lag", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.3, 1.0, 2.5)
+        ),
     ),
     "tau(t - delay), then lag dtau/dt + tau = command",
     "current loop and bus: Leonhard, Control of Electrical Drives, 2001",
@@ -60,7 +70,12 @@ SATURATION = Term(
     "drive",
     (
         Parameter(
-            "limit", "command", lower=0.0, neutral=np.inf, scale="command", scan=(0.9, 0.7, 0.5)
+            "limit",
+            "command",
+            lower=0.0,
+            neutral=np.inf,
+            scale="command",
+            scan=(0.9, 0.7, 0.5),
         ),
     ),
     "clip(nu, -limit, limit)",

@@ -33,7 +33,9 @@ COULOMB = Term(
 
 def _asymmetric(q, dq, ddq, sign, tau, t, fv_pos, fc_pos, fv_neg, fc_neg):  # type: ignore[no-untyped-def]
     ahead, back = 0.5 * (1.0 + sign), 0.5 * (1.0 - sign)
-    return (ahead * fv_pos + back * fv_neg) * dq + (ahead * fc_pos + back * fc_neg) * sign
+    return (ahead * fv_pos + back * fv_neg) * dq + (
+        ahead * fc_pos + back * fc_neg
+    ) * sign
 
 
 ASYMMETRIC_FRICTION = Term(
@@ -77,7 +79,6 @@ STRIBECK = Term(
     "Fs exp(-(dq/vs)^2) sign(dq)",
     _ARMSTRONG,
     law=lambda q, dq, ddq, sign, tau, t, fs, vs: fs * np.exp(-((dq / vs) ** 2)) * sign,
-    substeps=2,
 )
 
 POLYNOMIAL_VISCOUS = Term(
@@ -87,7 +88,6 @@ POLYNOMIAL_VISCOUS = Term(
     "F2 dq |dq| + F3 dq^3",
     "Bittencourt, Axelsson, IEEE/ASME Trans. Mechatronics 19(1), 2014",
     law=lambda q, dq, ddq, sign, tau, t, f2, f3: (f2 * np.abs(dq) + f3 * dq * dq) * dq,
-    substeps=2,
 )
 
 SQRT_VISCOUS = Term(
@@ -97,7 +97,6 @@ SQRT_VISCOUS = Term(
     "Fh sqrt|dq| sign(dq)",
     "Harnoy, Friedland, Cohn, IEEE Control Systems 28(6), 2008: hydrodynamic lubrication",
     law=lambda q, dq, ddq, sign, tau, t, fh: fh * np.sqrt(np.abs(dq)) * sign,
-    substeps=2,
 )
 
 POSITION_FRICTION = Term(
@@ -107,7 +106,6 @@ POSITION_FRICTION = Term(
     "(c1 q + c2 q^2) sign(dq); the constant part is the Coulomb friction",
     f"{_ARMSTRONG}, section 2.2",
     law=lambda q, dq, ddq, sign, tau, t, c1, c2: (c1 + c2 * q) * q * sign,
-    substeps=2,
 )
 
 LOAD_FRICTION = Term(
@@ -117,7 +115,6 @@ LOAD_FRICTION = Term(
     "mu |tau| sign(dq)",
     "Gogoussis, Donath, IEEE Int. Conf. Robotics and Automation, 1988",
     law=lambda q, dq, ddq, sign, tau, t, mu: mu * np.abs(tau) * sign,
-    substeps=2,
 )
 
 FRICTION_DRIFT = Term(
@@ -127,7 +124,6 @@ FRICTION_DRIFT = Term(
     "a t sign(dq) + b t dq",
     "Bittencourt, Gunnarsson, Control Engineering Practice 20(12), 2012: warming-up",
     law=lambda q, dq, ddq, sign, tau, t, a, b: t * (a * sign + b * dq),
-    substeps=2,
 )
 
 PRESLIDING = Term(

@@ -45,7 +45,9 @@ DISTURBANCE = Term(
 @njit(error_model="numpy")
 def encoder(q: float, a: float, b: float, period: float) -> float:
     """Return the position that an eccentric encoder reads, m or rad."""
-    return q + a * np.cos(2.0 * np.pi * q / period) + b * np.sin(2.0 * np.pi * q / period)
+    return (
+        q + a * np.cos(2.0 * np.pi * q / period) + b * np.sin(2.0 * np.pi * q / period)
+    )
 
 
 TERMS = (ENCODER_ECCENTRICITY, CONTROLLER_MISMATCH, DISTURBANCE)

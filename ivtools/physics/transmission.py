@@ -7,7 +7,9 @@ from numba import njit
 
 from .terms import Parameter, Term
 
-_JANOT = "Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, 2019, equation 1"
+_JANOT = (
+    "Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, 2019, equation 1"
+)
 _SHARES = (0.1, 0.2, 0.35)
 
 INERTIA = Term(
@@ -47,7 +49,6 @@ OFFSET_DRIFT = Term(
     "a t + b t^2",
     "slow change of the offset: amplifier zero, counterbalance, cable",
     law=lambda q, dq, ddq, sign, tau, t, a, b: (a + b * t) * t,
-    substeps=2,
 )
 
 SPRING = Term(
@@ -57,7 +58,6 @@ SPRING = Term(
     "k1 q + k2 q^2; the constant part is the offset",
     "cable drag, slope, counterbalance: the first terms of a static force over position",
     law=lambda q, dq, ddq, sign, tau, t, k1, k2: (k1 + k2 * q) * q,
-    substeps=2,
 )
 
 PERIOD = Parameter(
@@ -78,18 +78,46 @@ COGGING = Term(
     law=lambda q, dq, ddq, sign, tau, t, a, b, p: (
         a * np.cos(2.0 * np.pi * q / p) + b * np.sin(2.0 * np.pi * q / p)
     ),
-    substeps=2,
 )
 
 FLEXIBILITY = Term(
     "flexibility",
     "mechanics",
     (
-        Parameter("frequency_hz", "Hz", lower=1.0, neutral=50.0, scale="one", scan=(25.0, 40.0, 65.0)),
-        Parameter("damping", "1", lower=0.0, upper=1.0, neutral=0.02, scale="one", scan=(0.03,)),
-        Parameter("load_share", "1", lower=0.01, upper=0.9, neutral=0.2, scale="one", scan=_SHARES),
         Parameter(
-            "load_friction", "1", lower=0.0, upper=1.0, neutral=0.0, scale="one", scan=(0.0, 0.5)
+            "frequency_hz",
+            "Hz",
+            lower=1.0,
+            neutral=50.0,
+            scale="one",
+            scan=(25.0, 40.0, 65.0),
+        ),
+        Parameter(
+            "damping",
+            "1",
+            lower=0.0,
+            upper=1.0,
+            neutral=0.02,
+            scale="one",
+            scan=(0.03,),
+        ),
+        Parameter(
+            "load_share",
+            "1",
+            lower=0.01,
+            upper=0.9,
+            neutral=0.2,
+            scale="one",
+            scan=_SHARES,
+        ),
+        Parameter(
+            "load_friction",
+            "1",
+            lower=0.0,
+            upper=1.0,
+            neutral=0.0,
+            scale="one",
+            scan=(0.0, 0.5),
         ),
     ),
     "two masses M (1 - r), M r joined by k, c: k = (2 pi f)^2 M r (1 - r)",
@@ -109,14 +137,30 @@ BACKLASH = Term(
             scale="stroke",
             scan=tuple(np.geomspace(2e-5, 2e-3, 20)),
         ),
-        Parameter("load_share", "1", lower=0.01, upper=0.9, neutral=0.2, scale="one", scan=_SHARES),
         Parameter(
-            "load_friction", "1", lower=0.0, upper=1.0, neutral=0.5, scale="one", scan=(0.5,)
+            "load_share",
+            "1",
+            lower=0.01,
+            upper=0.9,
+            neutral=0.2,
+            scale="one",
+            scan=_SHARES,
+        ),
+        Parameter(
+            "load_friction",
+            "1",
+            lower=0.0,
+            upper=1.0,
+            neutral=0.5,
+            scale="one",
+            scan=(0.5,),
         ),
         Parameter(
             "contact_hz", "Hz", lower=10.0, neutral=150.0, scale="one", scan=(150.0,)
         ),
-        Parameter("damping", "1", lower=0.0, upper=2.0, neutral=0.2, scale="one", scan=(0.2,)),
+        Parameter(
+            "damping", "1", lower=0.0, upper=2.0, neutral=0.2, scale="one", scan=(0.2,)
+        ),
     ),
     "two masses M (1 - r), M r that touch when |q1 - q2| > gap/2",
     "Nordin, Gutman, Automatica 38(10), 2002",
