@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,8 @@ class Problem:
         Its model; ``loop.names`` are the parameters.
     pipeline : Pipeline, optional
         Default: the one that the loop's bandwidth asks for.
+    simulation : mapping
+        Options of `ClosedLoop.simulate` for every simulation, such as ``{"stiction": False}``.
 
     Examples
     --------
@@ -43,6 +46,7 @@ class Problem:
     record: Record
     loop: ClosedLoop
     pipeline: Pipeline = None  # type: ignore[assignment]  # filled in below
+    simulation: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.record.n_joints != 1:
@@ -111,7 +115,7 @@ class Problem:
 
     def simulate(self, theta: Theta | None = None) -> Simulation:
         """Simulate the closed loop on this record's reference; see `ClosedLoop.simulate`."""
-        return self.loop.simulate(self.record, theta)
+        return self.loop.simulate(self.record, theta, **self.simulation)
 
     def simulated_rows(
         self, theta: Theta | None, *, filtered: bool = True, scale_gain: bool = False
@@ -128,8 +132,8 @@ class Problem:
             Band-pass the simulated position as the measured one is; False takes the simulated
             velocity and acceleration as they are, as much of the literature does.
         scale_gain : bool
-            Scale the controller with the inertia, so that the simulated loop keeps its bandwidth
-            however wrong the inertia is.
+            Simulate `scaled_loop`, which stays near the record however wrong theta is. It is a
+            way to a good start and not the loop of the record: finish without it.
 
         Returns
         -------
@@ -143,7 +147,7 @@ class Problem:
         """
         values = self.loop.values(theta)
         loop = self.scaled_loop(values["inertia"]) if scale_gain else self.loop
-        simulation = loop.simulate(self.record, values)
+        simulation = loop.simulate(self.record, values, **self.simulation)
         if not simulation.finite:
             raise EstimationError("the simulated loop is unstable at these parameters")
         motion = simulation.motion
@@ -153,9 +157,14 @@ class Problem:
         return rows[:, :-1], rows[:, -1]
 
     def scaled_loop(self, inertia: float) -> ClosedLoop:
-        """Return the loop whose controller keeps the real bandwidth at this inertia, kg or kg m2."""
-        ratio = inertia / self.start["inertia"]
-        return replace(self.loop, controller=self.loop.controller.scaled(ratio))
+        """Return the loop that keeps the real bandwidth whatever the inertia, kg or kg m2.
+
+        The controller's output is multiplied by the inertia over that of least squares, and has no
+        limit, so that the axis follows its reference with any parameters.
+        """
+        ratio = inertia / self._least_squares["inertia"]
+        controller = replace(self.loop.controller.scaled(ratio), limit=np.inf)
+        return replace(self.loop, controller=controller)
 
     def instruments(self, theta: Theta | None, *, filtered: bool = True) -> Array:
         """Return the instruments: the regressor of the loop simulated at theta, (N, p)."""
@@ -164,8 +173,13 @@ class Problem:
     @cached_property
     def start(self) -> dict[str, float]:
         """Starting values: the axis file's where it gives them, else least squares."""
-        ls = dict(zip(self.names, solve_iv(self.X, self.y, names=self.names), strict=True))
+        ls = self._least_squares
         return {**ls, **{k: v for k, v in self.loop.start.items() if k in ls}}
+
+    @cached_property
+    def _least_squares(self) -> dict[str, float]:
+        theta = solve_iv(self.X, self.y, names=self.names)
+        return dict(zip(self.names, theta.tolist(), strict=True))
 
     def select(self, names: Sequence[str]) -> Problem:
         """Return the problem with the terms of these parameters only."""

@@ -272,8 +272,8 @@ class FitResults:
 
     @property
     def fitted(self) -> Array:
-        """Reconstructed force X theta (N,), in N or N m."""
-        return self.X @ self.params.to_numpy()
+        """What the estimate makes of y (N,): X theta, or the simulated signal."""
+        return self.y - self.resids
 
     @property
     def std_errors(self) -> pd.Series:
