@@ -28,6 +28,7 @@ ORDER = [
     ("gap", "study"),
     ("plots",),
     ("report",),
+    ("reproduce", "demo"),
     ("cli",),
 ]
 RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}

@@ -46,7 +46,7 @@ def parameters(
     >>> len(parameters([fit]).axes)
     4
     """
-    fits = list(getattr(results, "results", results))
+    fits = list(results if isinstance(results, Sequence) else results.results)
     names = list(dict.fromkeys(name for fit in fits for name in fit.names))
     labels = _labels(fits)
     rows = -(-len(names) // 2)
