@@ -40,7 +40,8 @@ LATE = {
     ("loop", "plots"): "simulation.plot()",
     ("comparison", "plots"): "comparison.plot()",
     ("results", "plots"): "results.plot()",
-    ("study", "plots"): "study.plot()",
+    ("study", "plots"): "score.plot()",
+    ("study", "report"): "score.to_html()",
     ("gap", "plots"): "diagnosis.plot()",
     ("gap", "report"): "diagnosis.to_html()",
 }

@@ -1,0 +1,301 @@
+"""Study: cases x estimators x repetitions, in parallel, streaming and resumable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+
+from ivtools.errors import IVToolsError, MissingExtraError
+from ivtools.study import work
+from ivtools.study.case import Case
+from ivtools.study.outcome import identity, labelled
+from ivtools.study.table import Block, Store, frame
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+
+    from ivtools.study.score import Score
+
+Backend = Literal["loky", "threading", "dask"]
+
+BLOCK_S = 2.0  # s of work in a block, once the pace is known
+LARGEST_BLOCK = 500
+
+
+class Progress(NamedTuple):
+    """How far a study is.
+
+    Attributes
+    ----------
+    done, total : int
+        Repetitions (one record and all its fits), of this run.
+    elapsed, left : float
+        s.
+    """
+
+    done: int
+    total: int
+    elapsed: float
+    left: float
+
+
+class Task(NamedTuple):
+    """A block of work and what a worker needs for it."""
+
+    block: Block
+    sent: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Every estimator on the same records of every case.
+
+    Parameters
+    ----------
+    cases : iterable of Case
+        Of different names.
+    estimators : iterable or mapping of str to estimator
+        Objects with ``fit(problem)``; a mapping gives their names in the table.
+    seeds : int
+        Repetitions per case.
+    title, question : str
+        For the report.
+
+    Examples
+    --------
+    >>> import ivtools as iv
+    >>> from ivtools.study import Trapezoids
+    >>> theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+    >>> case = Case("quick", iv.axes.emps(), theta, Trapezoids(3.0), force_noise=2.0)
+    >>> table = Study([case], [iv.IDIMLS()], seeds=2).run()
+    >>> table.shape, table["error"].unique().tolist()
+    ((8, 14), [''])
+    """
+
+    cases: Sequence[Case]
+    estimators: Mapping[str, Any] | Sequence[Any]
+    seeds: int = 100
+    title: str = ""
+    question: str = ""
+
+    _last: list[pd.DataFrame] = field(default_factory=list, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cases", tuple(self.cases))
+        object.__setattr__(self, "estimators", labelled(self.estimators))
+        names = [case.name for case in self.cases]
+        if not names or len(set(names)) < len(names):
+            raise IVToolsError(f"cases {names} must be at least one, each of its own name")
+        if isinstance(self.seeds, bool) or not isinstance(self.seeds, int) or self.seeds < 1:
+            raise IVToolsError(f"seeds = {self.seeds!r} must be a whole number, 1 or more")
+
+    def run(
+        self,
+        n_jobs: int = 1,
+        backend: Backend = "loky",
+        path: str | Path | None = None,
+        scheduler: str | None = None,
+        progress: Callable[[Progress], object] | None = None,
+    ) -> pd.DataFrame:
+        """Run what is not finished yet and return the whole table.
+
+        Parameters
+        ----------
+        n_jobs : int
+            Workers; 1 works in this process, -1 uses every core. Dask uses the whole cluster.
+        backend : {"loky", "threading", "dask"}
+            Processes, threads, or a Dask cluster.
+        path : str or Path, optional
+            Folder that finished blocks stream to; a later run with the same folder goes on from
+            there. More seeds, cases or estimators may be asked for then.
+        scheduler : str, optional
+            Address of the Dask scheduler; default the current client's.
+        progress : callable, optional
+            Called with a `Progress` after each block.
+
+        Returns
+        -------
+        DataFrame
+            One row per case, estimator, seed and parameter, columns as `ivtools.study.COLUMNS`.
+            All but the runtime is the same for any number of workers and any backend.
+
+        Raises
+        ------
+        DataError
+            If the folder holds what is no part of a study.
+        MissingExtraError
+            If Dask is asked for and not installed.
+        """
+        if backend not in ("loky", "threading", "dask"):
+            raise IVToolsError(f"backend {backend!r} is unknown; use loky, threading or dask")
+        store = _store(path)
+        plan = list(self._missing(store))
+        pace = _Pace(sum(b.last - b.first for b, _ in plan), progress)
+        parts: list[pa.Table] = []
+        for block, table, seconds in _outcomes(plan, pace, n_jobs, backend, scheduler):
+            if store is None:
+                parts.append(table)
+            else:
+                store.write(block, table)
+            pace.tick(block.last - block.first, seconds)
+        if store is not None:
+            parts = list(store.read(self._blocks()))
+        table = frame(parts, self._orders)
+        self._last[:] = [table]
+        return table
+
+    def table(self, path: str | Path) -> pd.DataFrame:
+        """Return what a folder holds of this study, finished or not."""
+        parts = list(Store(Path(path)).read(self._blocks()))
+        return frame(parts, self._orders)
+
+    def score(self, table: pd.DataFrame | None = None, bounds: bool = True) -> Score:
+        """Return bias, spread, coverage and the rest of a table, by default of the last run.
+
+        Parameters
+        ----------
+        table : DataFrame, optional
+        bounds : bool
+            False leaves the Cramer-Rao bounds out, which take a few simulations per case.
+        """
+        from ivtools.study.score import Score
+
+        if table is None and not self._last:
+            raise IVToolsError("there is nothing to score; run() the study, or give a table")
+        return Score.of(self._last[0] if table is None else table, self, bounds)
+
+    @property
+    def _labelled(self) -> dict[str, Any]:
+        return dict(self.estimators)  # __post_init__ has made it a mapping
+
+    @property
+    def _orders(self) -> dict[str, list[str]]:
+        parameters = dict.fromkeys(name for case in self.cases for name in case.model.names)
+        cases = [case.name for case in self.cases]
+        return {"case": cases, "estimator": list(self._labelled), "parameter": list(parameters)}
+
+    # --- what there is to do ---------------------------------------------------------------------
+
+    def _blocks(self) -> Iterator[Block]:
+        """Yield everything that the study asks for, one block per case."""
+        who = {key: identity(estimator) for key, estimator in self._labelled.items()}
+        for case in self.cases:
+            yield Block(case.identity, who, 0, self.seeds)
+
+    def _missing(self, store: Store | None) -> Iterator[Task]:
+        """Yield what is not finished: ranges of repetitions and the estimators they lack."""
+        done = [] if store is None else [block for _, block in store.blocks()]
+        for case, block in zip(self.cases, self._blocks(), strict=True):
+            for estimators, first, last in _gaps(block, [b for b in done if b.case == block.case]):
+                sent = work.payload(case, {k: self._labelled[k] for k in estimators})
+                yield Task(Block(block.case, estimators, first, last), sent)
+
+
+class _Pace:
+    """How long a repetition takes, and what that means for blocks and the time left."""
+
+    def __init__(self, total: int, progress: Callable[[Progress], object] | None):
+        self.total, self.progress, self.done = total, progress, 0
+        self.start, self.per_seed = perf_counter(), 0.0
+
+    def tick(self, seeds: int, seconds: float) -> None:
+        """Note that so many repetitions took a worker so long."""
+        self.done += seeds
+        fresh = seconds / seeds
+        self.per_seed = fresh if not self.per_seed else 0.5 * (self.per_seed + fresh)
+        if self.progress is not None:
+            elapsed = perf_counter() - self.start
+            left = elapsed / self.done * (self.total - self.done)
+            self.progress(Progress(self.done, self.total, elapsed, left))
+
+    def blocks(self, plan: Iterable[Task]) -> Iterator[Task]:
+        """Cut ranges into blocks of about `BLOCK_S`, as long as the pace says when it is asked."""
+        for block, sent in plan:
+            first = block.first
+            while first < block.last:
+                size = max(1, int(BLOCK_S / self.per_seed)) if self.per_seed else 1
+                last = min(first + min(size, LARGEST_BLOCK), block.last)
+                yield Task(Block(block.case, block.estimators, first, last), sent)
+                first = last
+
+
+def _gaps(wanted: Block, done: Iterable[Block]) -> Iterator[tuple[dict[str, str], int, int]]:
+    """Yield runs of repetitions and, for each, the estimators that have not seen them."""
+    keys = list(wanted.estimators)
+    lacking = np.ones((len(keys), wanted.last), dtype=bool)
+    for block in done:
+        for row, key in enumerate(keys):
+            if block.estimators.get(key) == wanted.estimators[key]:
+                lacking[row, block.first : block.last] = False
+    changes = np.flatnonzero((lacking[:, 1:] != lacking[:, :-1]).any(axis=0)) + 1
+    edges = [0, *changes.tolist(), wanted.last]
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        if lacking[:, first].any():
+            open_ = {k: wanted.estimators[k] for row, k in enumerate(keys) if lacking[row, first]}
+            yield open_, first, last
+
+
+def _timed(block: Block, sent: bytes) -> tuple[Block, pa.Table, float]:
+    start = perf_counter()
+    table = work.work(sent, block.first, block.last)
+    return block, table, perf_counter() - start
+
+
+def _outcomes(
+    plan: list[Task], pace: _Pace, n_jobs: int, backend: Backend, scheduler: str | None
+) -> Iterator[tuple[Block, pa.Table, float]]:
+    """Yield the finished blocks as they come."""
+    import joblib
+
+    tasks = pace.blocks(plan)
+    if n_jobs == 1 and backend != "dask":
+        yield from (_timed(*task) for task in tasks)
+    elif plan:
+        with _parallel(backend, scheduler):
+            n_jobs = -1 if backend == "dask" else n_jobs
+            parallel = joblib.Parallel(n_jobs, batch_size=1, return_as="generator_unordered")
+            yield from parallel(joblib.delayed(_timed)(*task) for task in tasks)
+
+
+@contextmanager
+def _parallel(backend: Backend, scheduler: str | None) -> Iterator[None]:
+    """Set joblib's backend."""
+    import joblib
+
+    if backend != "dask":
+        with joblib.parallel_config(backend=backend):
+            yield
+        return
+    try:
+        from distributed import Client, get_client
+    except ImportError as error:
+        raise MissingExtraError("distributed", "distributed") from error
+    if scheduler is None:
+        with joblib.parallel_config(backend="dask", client=get_client()):
+            yield
+        return
+    try:
+        client = Client(scheduler, set_as_default=False, timeout=20)
+    except (OSError, ValueError) as error:
+        raise IVToolsError(f"no Dask scheduler answers at {scheduler} ({error})") from error
+    with client, joblib.parallel_config(backend="dask", client=client):
+        yield
+
+
+def _store(path: str | Path | None) -> Store | None:
+    if path is None:
+        return None
+    store = Store(Path(path))
+    try:
+        store.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise IVToolsError(f"{path} cannot be a folder for results ({error.strerror})") from error
+    store.sweep()
+    return store
