@@ -6,7 +6,7 @@ is inverted. Least squares is the instrumental-variable solution with Z = X.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,8 @@ from ivtools.errors import EstimationError, ShapeError
 
 Array = NDArray[np.float64]
 CovType = Literal["hac", "robust", "classical"]
+Weights = Array | Callable[[Array], Array]
+"""Inverse variances of the rows (N,), or a function that whitens the columns (N, k) of a system."""
 
 RANK_TOLERANCE = 1e-10  # of a pivot of the QR of unit-norm columns
 
@@ -25,7 +27,7 @@ def solve_iv(
     X: Array,
     y: Array,
     Z: Array | None = None,
-    weights: Array | None = None,
+    weights: Weights | None = None,
     names: Sequence[str] | None = None,
 ) -> Array:
     """Solve y = X theta + e by instrumental variables, Z'(y - X theta) = 0.
@@ -38,8 +40,9 @@ def solve_iv(
         Measurement vector.
     Z : (N, m) array_like, optional
         Instruments, m >= p; surplus ones give two-stage least squares. None is least squares.
-    weights : (N,) array_like, optional
-        Inverse variances of the rows; X, y and Z are all weighted.
+    weights : (N,) array_like or callable, optional
+        Inverse variances of the rows, or a function that whitens columns (N, k) and keeps their
+        number of rows; X, y and Z are all weighted.
     names : sequence of str, optional
         Names of the columns, for the messages.
 
@@ -77,7 +80,7 @@ def covariance(
     Z: Array | None = None,
     cov_type: CovType = "hac",
     *,
-    weights: Array | None = None,
+    weights: Weights | None = None,
     bandwidth: int | None = None,
     debiased: bool | None = None,
 ) -> Array:
@@ -330,18 +333,35 @@ def check_system(X: Array, y: Array, Z: Array | None = None) -> tuple[Array, Arr
 
 
 def weighted(
-    X: Array, y: Array, Z: Array | None, weights: Array | None
+    X: Array, y: Array, Z: Array | None, weights: Weights | None
 ) -> tuple[Array, Array, Array | None]:
-    """Multiply the rows of X, y and Z by the root of their weights; None changes nothing."""
+    """Weigh X, y and Z alike; None changes nothing."""
     if weights is None:
         return X, y, Z
+    Z = None if Z is None else reweighted(Z, weights)
+    return reweighted(X, weights), reweighted(y, weights), Z
+
+
+def reweighted(columns: Array, weights: Weights | None) -> Array:
+    """Whiten columns (N,) or (N, k), or multiply their rows by the root of the weights.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> reweighted(np.ones(2), np.array([1.0, 4.0]))
+    array([1., 2.])
+    """
+    if weights is None:
+        return columns
+    if callable(weights):
+        return weights(columns)
     w = np.asarray(weights, dtype=float)
-    if w.shape != y.shape:
-        raise ShapeError(f"weights are {w.shape} and y {y.shape}; both must match")
+    if w.shape != columns.shape[:1]:
+        raise ShapeError(f"weights are {w.shape} and y {columns.shape[:1]}; both must match")
     if not (np.isfinite(w).all() and (w >= 0.0).all()):
         raise EstimationError("weights must be finite and not negative (inverse variances)")
     root = np.sqrt(w)
-    return X * root[:, None], y * root, None if Z is None else Z * root[:, None]
+    return columns * (root if columns.ndim == 1 else root[:, np.newaxis])
 
 
 def _projected(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,23 @@ from .pipeline import Motion, Pipeline
 from .record import Record
 
 Array = NDArray[np.float64]
+
+
+class Pair(NamedTuple):
+    """Rows of the measured and of the simulated trajectory.
+
+    Attributes
+    ----------
+    X, y : (N, p), (N,) ndarray
+        Measured: observation matrix, and force in N or N m.
+    X_s, y_s : (N, p), (N,) ndarray
+        Simulated: the instruments, and their force.
+    """
+
+    X: Array
+    y: Array
+    X_s: Array
+    y_s: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +162,37 @@ class Problem:
         EstimationError
             If the simulated loop is unstable.
         """
+        rows = self._through(*self._simulated(theta, filtered, scale_gain))
+        return rows[:, :-1], rows[:, -1]
+
+    def paired_rows(
+        self, theta: Theta | None, *, filtered: bool = True, scale_gain: bool = False
+    ) -> Pair:
+        """Return measured and simulated rows that agree on the direction of motion.
+
+        Around standstill the sign of the measured velocity is noise, and friction multiplies it.
+        Where it differs from the simulated one, the simulated velocity is used on both sides.
+
+        Parameters
+        ----------
+        theta, filtered, scale_gain
+            As for `simulated_rows`.
+
+        Raises
+        ------
+        EstimationError
+            If the simulated loop is unstable.
+        """
+        motion, force = self._simulated(theta, filtered, scale_gain)
+        agreed = np.sign(self.motion.dq) == np.sign(motion.dq)  # (n_samples, 1)
+        steered = self.motion._replace(dq=np.where(agreed, self.motion.dq, motion.dq))
+        measured, simulated = self._through(steered, self.force), self._through(motion, force)
+        return Pair(measured[:, :-1], measured[:, -1], simulated[:, :-1], simulated[:, -1])
+
+    def _simulated(
+        self, theta: Theta | None, filtered: bool, scale_gain: bool
+    ) -> tuple[Motion, Array]:
+        """Return motion and aligned force of the simulated loop, (n_samples, 1) each."""
         values = self.loop.values(theta)
         loop = self.scaled_loop(values["inertia"]) if scale_gain else self.loop
         simulation = loop.simulate(self.record, values, **self.simulation)
@@ -153,8 +201,7 @@ class Problem:
         motion = simulation.motion
         if filtered:
             motion = self.pipeline.differentiate(simulation.q, self.record.dt)
-        rows = self._through(motion, self.pipeline.align(simulation.tau))
-        return rows[:, :-1], rows[:, -1]
+        return motion, self.pipeline.align(simulation.tau)
 
     def scaled_loop(self, inertia: float) -> ClosedLoop:
         """Return the loop that keeps the real bandwidth whatever the inertia, kg or kg m2.

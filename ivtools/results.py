@@ -152,8 +152,8 @@ class FitResults:
         y - X theta, in N or N m.
     Z : (N, m) ndarray or None
         Instruments; None if the method uses none.
-    weights : (N,) ndarray or None
-        Inverse variances of the rows; None if all are equal.
+    weights : (N,) ndarray, callable or None
+        Inverse variances of the rows, or a function that whitens columns; None if all are equal.
     units : tuple of str (p,)
         Units of the parameters.
     problem : Problem or None
@@ -187,7 +187,7 @@ class FitResults:
     y: Array
     resids: Array
     Z: Array | None = None
-    weights: Array | None = None
+    weights: linalg.Weights | None = None
     units: tuple[str, ...] = ()
     problem: Problem | None = None
     n_iter: int = 1
@@ -209,7 +209,7 @@ class FitResults:
         names: Sequence[str] | None = None,
         units: Mapping[str, str] | Sequence[str] | None = None,
         Z: Array | None = None,
-        weights: Array | None = None,
+        weights: linalg.Weights | None = None,
         cov_type: linalg.CovType = "hac",
         **status: Any,
     ) -> FitResults:

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ivtools import linalg
 from ivtools.errors import EstimationError
 from ivtools.inference.system import chi2_result
 from ivtools.results import FitResults, TestResult
@@ -150,10 +151,8 @@ def _adf(e: NDArray[np.float64]) -> TestResult:
 
 
 def _weighted_resids(results: FitResults) -> NDArray[np.float64]:
-    """Return the residual (N,), divided by the deviation of each row if they differ."""
-    if results.weights is None:
-        return results.resids
-    return results.resids * np.sqrt(results.weights)
+    """Return the residual (N,), whitened or divided by the deviation of each row."""
+    return linalg.reweighted(results.resids, results.weights)
 
 
 def _degenerate(e: NDArray[np.float64]) -> str:

@@ -159,9 +159,9 @@ def _shea(system: System) -> np.ndarray:
     return (_squares(ls) / _squares(iv))[~system.exogenous]
 
 
-def _total_squares(system: System, weights: np.ndarray | None) -> np.ndarray:
+def _total_squares(system: System, weights: linalg.Weights | None) -> np.ndarray:
     """Return the sums of squares of the endogenous columns, about the mean if Z has a constant."""
-    one = np.ones((len(system.y), 1)) if weights is None else np.sqrt(weights)[:, np.newaxis]
+    one = linalg.reweighted(np.ones((len(system.y), 1)), weights)
     outside = np.linalg.norm(one - linalg.projection(system.Z, one))
     centre = outside <= 1e-6 * np.linalg.norm(one)
     X = system.X_endog
