@@ -354,7 +354,7 @@ class ClosedLoop:
     def natural_frequency_hz(self, dt: float, inertia: float | None = None) -> float:
         """Return the natural frequency of the loop's dominant mode, Hz.
 
-        It is read from the python-control linearisation of the rigid loop without dry friction.
+        It is that of the linearised rigid loop without dry friction.
 
         Parameters
         ----------
@@ -363,7 +363,7 @@ class ClosedLoop:
         inertia : float, optional
             In kg or kg m2; default: the starting value.
         """
-        from .system import dominant_mode_hz
+        from .mode import dominant_mode_hz
 
         inertia = self.values()["inertia"] if inertia is None else inertia
         viscous = self.start.get("viscous", self.start.get("viscous_pos", 0.0))

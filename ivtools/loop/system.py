@@ -153,25 +153,3 @@ def initial_state(
     sent = np.zeros(drive_delay(dt, p, on)[0] + 1)
     lines = np.zeros(len(law.C) + controller.delay)
     return np.concatenate([past, lines, [q, dq, q, dq, 0.0, 0.0, 0.0], sent])
-
-
-def dominant_mode_hz(
-    loop: ClosedLoop, inertia: float, viscous: float, dt: float
-) -> float:
-    """Return the lowest natural frequency of the loop without dry friction, Hz.
-
-    States that the loop does not use, and the free integrator of a velocity loop, do not count.
-    """
-    key = (repr(loop.controller), loop.gain, loop.delay, inertia, viscous, dt)
-    if key not in _MODES:
-        rigid = loop.with_terms("inertia", "viscous")
-        closed = system(rigid, {"inertia": inertia, "viscous": viscous}, dt, 1)
-        poles = control.linearize(closed, np.zeros(closed.nstates), np.zeros(3)).poles()
-        rates = np.abs(np.log(poles[np.abs(poles) > 1e-6])) / dt
-        _MODES[key] = float(min(rates[rates * dt > 1e-6], default=np.nan)) / (2 * np.pi)
-    return _MODES[key]
-
-
-_MODES: dict[
-    tuple[object, ...], float
-] = {}  # linearising takes longer than an estimate
