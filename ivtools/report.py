@@ -40,6 +40,11 @@ class Picture:
         """The text in place of the picture."""
         return self.caption
 
+    @property
+    def wide(self) -> bool:
+        """Whether the figure takes the whole width of the page."""
+        return bool(self.figure.get_figwidth() > 5.0)  # inches
+
     @cached_property
     def svg(self) -> bytes:
         """The figure as an SVG file."""

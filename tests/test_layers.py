@@ -20,7 +20,7 @@ ORDER = [
     ("record", "linalg", "pipeline"),
     ("datasets", "physics"),
     ("loop",),
-    ("axes",),
+    ("axes", "plausibility"),
     ("problem",),
     ("comparison",),
     ("results",),

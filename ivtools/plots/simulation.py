@@ -74,7 +74,7 @@ def simulation(
     columns = 2 if width_mm >= 140.0 else 1
     with look():
         figure = sheet(width_mm, 96.0 + 72.0 * (columns == 1))
-        figure.set_constrained_layout_pads(hspace=0.0, h_pad=0.012)
+        figure.get_layout_engine().set(hspace=0.0, h_pad=0.012)  # type: ignore[union-attr, call-arg]
         panels = _panels(figure, columns)
         signals = zip(errors, measured, (*simulated.motion, simulated.tau), strict=True)
         for (main, strip), (name, real, model) in zip(panels, signals, strict=True):

@@ -29,7 +29,7 @@ COLOURS = {
 }
 MARKERS = "osD^vP*X"
 
-_STYLE: Mapping[str, Any] = {
+_STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 7.0,
@@ -70,7 +70,7 @@ class Sheet(Figure):
 @contextmanager
 def look() -> Iterator[None]:
     """Apply the style to what is drawn inside the block, and to nothing else."""
-    with mpl.rc_context({k: v for k, v in _STYLE.items()}):
+    with mpl.rc_context(_STYLE):
         yield
 
 

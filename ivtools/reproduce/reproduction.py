@@ -32,7 +32,7 @@ NAMES = {
     "viscous_neg": "FV1m",
     "coulomb_neg": "FC1m",
 }
-#: Sections whose figures come from a room of their own: ``function(record) -> {(row, quantity): value}``.
+#: Sections computed elsewhere: ``function(record) -> {(row, quantity): value}``.
 PROVIDERS = {"toolboxes": ("ivtools.estimators.toolboxes", "report_cases")}
 
 
@@ -243,7 +243,7 @@ def _estimate(section: str, fit: FitResults) -> Figures:
 
 def _quality(section: str, fit: FitResults, errors: ErrorFigures) -> Figures:
     """Return |diag R|, the condition number and the size of the error."""
-    figures = {(section, NAMES[k], "|diag R|"): float(v) for k, v in fit.abs_diag_r.items()}
+    figures = {(section, NAMES[str(k)], "|diag R|"): float(v) for k, v in fit.abs_diag_r.items()}
     figures[section, "X", "condition number"] = fit.condition_number
     figures[section, "error", "norm"] = errors.norm
     figures[section, "error", "relative"] = errors.relative

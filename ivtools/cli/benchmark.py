@@ -1,0 +1,72 @@
+"""``ivtools benchmark``: a Monte-Carlo study, named or described in a file."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ivtools.cli import options
+from ivtools.cli.output import show, write_json, writing
+
+if TYPE_CHECKING:
+    from ivtools.study import Progress
+
+
+class Backend(StrEnum):
+    """Where the repetitions run."""
+
+    LOKY = "loky"
+    THREADING = "threading"
+    DASK = "dask"
+
+
+def benchmark(
+    name: Annotated[
+        str, typer.Argument(metavar="NAME|FILE", help="A named study, or a study file (TOML).")
+    ],
+    jobs: Annotated[int, typer.Option("--jobs", help="Workers; -1 is one per core.")] = 1,
+    seeds: Annotated[
+        int | None, typer.Option("--seeds", help="Repetitions; default: the study's own.")
+    ] = None,
+    backend: Annotated[Backend, typer.Option("--backend", help="Where they run.")] = Backend.LOKY,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster.")
+    ] = None,
+    json: options.Json = None,
+    out: options.Out = None,
+) -> None:
+    """Run a Monte-Carlo study; a folder in --out makes it resumable."""
+    from ivtools.study import load
+
+    study = load(name)
+    if seeds is not None:
+        study = replace(study, seeds=seeds)
+    rows = None if out is None else out / "rows"
+    with writing(out or Path()):
+        study.run(jobs, backend.value, rows, scheduler, progress=_follow())
+    score = study.score()
+    texts: list[object] = [score]
+    if out is not None and hasattr(score, "to_html"):
+        with writing(out):
+            texts.append(f"report: {score.to_html(out / 'report.html')}")
+    show(*texts, json_file=json)
+    if json is not None:
+        write_json(score.to_dict(), json)
+
+
+def _follow() -> Any:
+    """Return a function that shows progress on a terminal, and None in a pipe."""
+    if not sys.stderr.isatty():
+        return None
+
+    def tell(progress: Progress) -> None:
+        text = f"\r{progress.done}/{progress.total}, {progress.left:.0f} s left \033[K"
+        sys.stderr.write(text if progress.done < progress.total else "\r\033[K")
+        sys.stderr.flush()
+
+    return tell

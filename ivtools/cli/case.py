@@ -1,0 +1,123 @@
+"""From the names on the command line to a record, its loop and a model of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ivtools.cli.options import Friction
+from ivtools.errors import AxisError, DataError, RecordWarning
+
+if TYPE_CHECKING:
+    from ivtools.loop import ClosedLoop
+    from ivtools.record import Record
+
+_FRICTION = ("viscous", "coulomb", "offset", "asymmetric-friction")
+
+
+def load(
+    record: str,
+    axis: str | None = None,
+    data: Path | None = None,
+    friction: Friction | None = None,
+) -> tuple[Record, ClosedLoop]:
+    """Return the record and the loop that a command names.
+
+    Raises
+    ------
+    IVToolsError
+        One of them cannot be found, read or used.
+    """
+    from ivtools import datasets
+    from ivtools.plausibility import doubts
+
+    loop = load_axis(axis or _own_axis(record))
+    found = datasets.load(record, data, None if record in datasets.REGISTRY else loop.columns)
+    if loop.controller.kind == "identify" and hasattr(loop, "identify_controller"):
+        loop = loop.identify_controller(found)
+    for doubt in doubts(found, loop):
+        warnings.warn(f"{found.name}: {doubt}", RecordWarning, stacklevel=2)
+    return found, with_friction(loop, friction)
+
+
+def load_axis(axis: str) -> ClosedLoop:
+    """Return a registered axis, or that of an axis file."""
+    from ivtools import axes
+    from ivtools.loop import ClosedLoop
+
+    if axis in axes.FILES:
+        return ClosedLoop.from_file(axes.FILES[axis])
+    if not Path(axis).suffix and not Path(axis).exists():
+        raise AxisError(
+            f"{axis!r} is neither an axis file nor a registered axis; registered: "
+            f"{', '.join(axes.FILES)}"
+        )
+    return ClosedLoop.from_file(axis)
+
+
+def _own_axis(record: str) -> str:
+    """Return the axis that a data set was recorded on."""
+    from ivtools.registry import REGISTRY
+
+    if record in REGISTRY:
+        return REGISTRY[record].axis
+    if not Path(record).exists():
+        known = ", ".join(REGISTRY)
+        raise DataError(f"{record}: there is no such file and no such data set ({known})")
+    raise AxisError(
+        f"the axis of {record} is not known; give --axis FILE (ivtools axis emps prints an example)"
+    )
+
+
+def with_friction(loop: ClosedLoop, friction: Friction | str | None) -> ClosedLoop:
+    """Return the loop with this friction model in place of its own.
+
+    The asymmetric model has no offset: its columns already hold one.
+    """
+    if friction is None:
+        return loop
+    model = _FRICTION[3:] if friction == Friction.ASYMMETRIC else _FRICTION[:3]
+    rest = [term for term in loop.terms if term.name not in _FRICTION]
+    inertia = [term for term in rest if term.name == "inertia"]
+    others = [term for term in rest if term.name != "inertia"]
+    return loop.with_terms(*inertia, *model, *others)
+
+
+def load_theta(file: Path) -> dict[str, float]:
+    """Read parameters: a JSON of `identify`, or a JSON or TOML mapping of names to numbers.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, or holds no parameters.
+    """
+    try:
+        text = file.read_text(encoding="utf-8")
+        content = tomllib.loads(text) if file.suffix == ".toml" else json.loads(text)
+    except OSError as error:
+        raise DataError(
+            f"parameter file {file}: {error.strerror or error}; give a JSON file of identify"
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"parameter file {file} is neither JSON nor TOML: {error}") from error
+    return _numbers(file, content)
+
+
+def _numbers(file: Path, content: Any) -> dict[str, float]:
+    """Return the parameters in a file's content."""
+    if isinstance(content, Mapping) and isinstance(content.get("params"), Mapping):
+        content = content["params"]
+    if not isinstance(content, Mapping) or not content:
+        raise DataError(
+            f'parameter file {file} holds no parameters; write {{"inertia": 95.1, ...}}'
+        )
+    for name, value in content.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not math.isfinite(value):
+            raise DataError(f"parameter file {file}: {name} is {value!r}; give a finite number")
+    return {str(name): float(value) for name, value in content.items()}

@@ -1,0 +1,59 @@
+"""``ivtools effects`` and ``ivtools axis``: what there is."""
+
+from __future__ import annotations
+
+from textwrap import wrap
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ivtools.cli import options
+from ivtools.cli.output import show, write_json
+
+if TYPE_CHECKING:
+    from ivtools.physics import Term
+
+
+def effects(json: options.Json = None) -> None:
+    """List the effects that can be added to a model, with their equations."""
+    from ivtools.physics import EFFECTS
+
+    show(*(_entry(term) for term in EFFECTS.values()), json_file=json)
+    write_json({name: _content(term) for name, term in EFFECTS.items()}, json)
+
+
+def _entry(term: Term) -> str:
+    """Return an effect as a few lines of at most 80 columns."""
+    units = ", ".join(f"{p.name} [{p.unit_for('prismatic')}]" for p in term.parameters)
+    lines = [f"{term.name} ({term.block})"]
+    for text in (term.equation, f"parameters: {units}", f"source: {term.source}"):
+        lines += wrap(text, 80, initial_indent="    ", subsequent_indent="      ")
+    return "\n".join(lines)
+
+
+def _content(term: Term) -> dict[str, Any]:
+    """Return an effect as plain objects."""
+    parameters = {
+        name: {"unit": p.unit_for("prismatic"), "lower": p.lower, "upper": p.upper}
+        for name, p in zip(term.names, term.parameters, strict=True)
+    }
+    return {
+        "block": term.block,
+        "equation": term.equation,
+        "parameters": parameters,
+        "source": term.source,
+    }
+
+
+def axis(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A registered axis, such as emps.")],
+    json: options.Json = None,
+) -> None:
+    """Print the axis file of a registered axis, to start your own from."""
+    import tomllib
+
+    from ivtools import axes
+
+    text = axes.path(name).read_text(encoding="utf-8")
+    show(text.rstrip("\n"), json_file=json)
+    write_json(tomllib.loads(text), json)

@@ -1,0 +1,115 @@
+"""``ivtools compare``: several methods and friction models side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ivtools.cli import options
+from ivtools.cli.output import progress, show, write_json, write_page
+from ivtools.errors import EstimationError, IVToolsError
+
+if TYPE_CHECKING:
+    from ivtools.estimators.base import Estimator
+    from ivtools.loop import ClosedLoop
+    from ivtools.record import Record
+    from ivtools.results import FitResults
+
+DEFAULT = ("idim-ls", "idim-iv", "didim")
+
+
+@dataclass
+class Fits:
+    """What was finished, what failed, and whether somebody stopped it."""
+
+    done: list[FitResults]
+    failed: list[str]
+    interrupted: bool = False
+
+
+def compare(
+    record: options.Record,
+    axis: options.Axis = None,
+    holdout: options.Holdout = None,
+    methods: Annotated[
+        str | None,
+        typer.Option("--methods", metavar="LIST", help="Methods, separated by commas, or all."),
+    ] = None,
+    friction: Annotated[
+        options.Frictions | None,
+        typer.Option("--friction", help="Friction models; default: that of the axis file."),
+    ] = None,
+    cov: options.Cov = options.Covariance.HAC,
+    data: options.Data = None,
+    json: options.Json = None,
+    out: options.Out = None,
+) -> None:
+    """Compare methods on a record, and on a hold-out that none of them has seen."""
+    from ivtools import datasets
+    from ivtools.cli.case import load
+    from ivtools.comparison import compare as side_by_side
+
+    estimators = _estimators(methods, cov)
+    measured, loop = load(record, axis, data)
+    other = None
+    if holdout is not None:
+        columns = None if holdout in datasets.REGISTRY else loop.columns
+        other = datasets.load(holdout, data, columns)
+    fits = _fit(estimators, measured, loop, friction)
+    if not fits.done:
+        if fits.interrupted:
+            raise KeyboardInterrupt
+        raise EstimationError("; ".join(fits.failed))
+    comparison = side_by_side(fits.done, other)
+    texts: list[object] = [comparison.summary(), *fits.failed]
+    if out is not None:
+        from ivtools.demo import comparison_page
+
+        texts.append(f"report: {write_page(comparison_page(comparison, other), out)}")
+    show(*texts, json_file=json)
+    write_json(comparison.to_dict(), json)
+    if fits.interrupted:
+        raise KeyboardInterrupt
+
+
+def _estimators(methods: str | None, cov: options.Covariance) -> list[Estimator]:
+    """Return the estimators of a comma-separated list."""
+    from ivtools.estimators.base import METHODS, estimator_class
+
+    names = [name for name in DEFAULT if name in METHODS]
+    if methods is not None:
+        names = [name.strip() for name in methods.split(",") if name.strip()]
+        names = list(METHODS) if names == ["all"] else list(dict.fromkeys(names))
+    if not names:
+        raise EstimationError(f"--methods is empty; use some of {', '.join(METHODS)}")
+    return [estimator_class(name)(cov_type=cov.value) for name in names]
+
+
+def _fit(
+    estimators: list[Estimator],
+    record: Record,
+    loop: ClosedLoop,
+    friction: options.Frictions | None,
+) -> Fits:
+    """Fit every method to every model; one that fails is named and the others go on."""
+    from ivtools.cli.case import with_friction
+    from ivtools.problem import Problem
+
+    both = ("symmetric", "asymmetric")
+    models = both if friction == options.Frictions.BOTH else (friction,)
+    problems = [Problem(record, with_friction(loop, model)) for model in models]
+    fits = Fits([], [])
+    with progress("identifying", len(problems) * len(estimators)) as advance:
+        try:
+            for problem in problems:
+                for estimator in estimators:
+                    try:
+                        fits.done.append(estimator.fit(problem))
+                    except IVToolsError as error:
+                        fits.failed.append(f"{estimator.key}: {error}")
+                    advance(estimator.key)
+        except KeyboardInterrupt:
+            fits.interrupted = True
+    return fits

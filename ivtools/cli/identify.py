@@ -1,0 +1,66 @@
+"""``ivtools identify``: one method on one record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ivtools.cli import options
+from ivtools.cli.output import show, write_json, write_page
+
+if TYPE_CHECKING:
+    from ivtools.report import Page
+    from ivtools.results import FitResults
+
+
+def identify(
+    record: options.Record,
+    axis: options.Axis = None,
+    method: Annotated[
+        str, typer.Option("--method", metavar="METHOD", help="Method; an unknown one lists all.")
+    ] = "idim-ls",
+    cov: options.Cov = options.Covariance.HAC,
+    friction: options.FrictionModel = None,
+    tests: Annotated[bool, typer.Option("--tests", help="Print the statistical tests.")] = False,
+    data: options.Data = None,
+    json: options.Json = None,
+    out: options.Out = None,
+) -> None:
+    """Identify the parameters of an axis from a record."""
+    from ivtools.cli.case import load
+    from ivtools.estimators.base import estimator_class
+
+    estimator = estimator_class(method)(cov_type=cov.value)
+    measured, loop = load(record, axis, data, friction)
+    from ivtools.problem import Problem
+
+    fit = estimator.fit(Problem(measured, loop))
+    texts: list[object] = [fit.summary()]
+    if tests:
+        texts.append("\n".join(str(test) for test in fit.tests().values()))
+    if out is not None:
+        texts.append(f"report: {write_page(page(fit), out)}")
+    show(*texts, json_file=json)
+    if json is not None:
+        write_json(fit.to_dict(), json)
+
+
+def page(fit: FitResults) -> Page:
+    """Return the page of one result: estimates, tests, force."""
+    from ivtools import plots
+    from ivtools.report import Page, Picture
+    from ivtools.tables import Text
+
+    problem = fit.problem
+    assert problem is not None  # every estimator keeps its problem
+    out = Page(
+        f"{problem.record.name}: {fit.method.upper()}",
+        f"Parameters of {problem.loop.name} identified from {problem.record!r}.",
+    )
+    caption = "Measured and reconstructed force; below, their difference."
+    picture = Picture("force", plots.force(fit), caption)
+    out.add("Estimates", tables=[fit.summary()], figures=[picture])
+    tests = "\n".join(str(test) for test in fit.tests().values())
+    out.add("Tests", *problem.record.notes, tables=[Text(tests)])
+    return out

@@ -1,0 +1,124 @@
+"""What a verb leaves behind: text, JSON, pages, and a progress bar while it works."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from ivtools.errors import DataError
+
+if TYPE_CHECKING:
+    from ivtools.report import Page
+
+STDOUT = Path("-")
+_FULL = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EMFILE)
+
+
+def show(*texts: object, json_file: Path | None = None) -> None:
+    """Print tables, an empty line between them; nothing if the JSON goes to stdout."""
+    if json_file == STDOUT:
+        return
+    text = "\n\n".join(str(text) for text in texts)
+    try:
+        typer.echo(text)
+    except UnicodeEncodeError:  # a terminal that knows no Greek
+        encoding = sys.stdout.encoding or "ascii"
+        typer.echo(text.encode(encoding, "replace").decode(encoding))
+
+
+def write_json(content: Mapping[str, Any], file: Path | None) -> None:
+    """Write a result for programs; what is not finite becomes null.
+
+    Raises
+    ------
+    DataError
+        The file cannot be written.
+    """
+    if file is None:
+        return
+    text = json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
+    if file == STDOUT:
+        typer.echo(text, nl=False)
+        return
+    with writing(file):
+        if file.exists() and not file.is_file():
+            file.write_text(text, encoding="utf-8")  # a device, or an error
+            return
+        file.parent.mkdir(parents=True, exist_ok=True)
+        part = file.with_name(f".{file.name}.part")
+        part.write_text(text, encoding="utf-8")
+        part.replace(file)
+
+
+def write_page(page: Page, folder: Path, name: str = "report.html") -> Path:
+    """Write a page and its figures into a folder, and say where.
+
+    Raises
+    ------
+    DataError
+        The folder cannot be written.
+    """
+    with writing(folder):
+        return page.write(folder / name, figures=True)
+
+
+def plain(content: Any) -> Any:
+    """Return a result as JSON has it: floats that are not finite are None.
+
+    Examples
+    --------
+    >>> plain({"a": (1.0, float("nan"))})
+    {'a': [1.0, None]}
+    """
+    if isinstance(content, Mapping):
+        return {str(key): plain(value) for key, value in content.items()}
+    if isinstance(content, str) or content is None or isinstance(content, bool | int):
+        return content
+    if isinstance(content, Sequence):
+        return [plain(value) for value in content]
+    number = float(content)
+    return number if math.isfinite(number) else None
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn a path that cannot be written into an error of the input.
+
+    A full disk is no fault of the input and stays what it is.
+    """
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if error.errno in _FULL:
+            raise
+        reason = error.strerror or type(error).__name__
+        raise DataError(f"cannot write {path}: {reason}; name another place") from error
+
+
+@contextmanager
+def progress(what: str, total: int | None = None) -> Iterator[Any]:
+    """Show a bar on a terminal, nothing in a pipe; yields a function that advances it."""
+    if not sys.stderr.isatty():
+        yield lambda *_: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+
+        def advance(label: str | None = None) -> None:
+            bar.update(task, advance=1, description=label or what)
+
+        yield advance

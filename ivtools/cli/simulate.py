@@ -1,0 +1,98 @@
+"""``ivtools simulate``: the closed loop on a record's reference, against what was measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ivtools.cli import options
+from ivtools.cli.output import show, write_json, write_page
+from ivtools.errors import AxisError, EstimationError, IVToolsError
+
+if TYPE_CHECKING:
+    from ivtools.loop import ClosedLoop, Simulation
+    from ivtools.record import Record
+    from ivtools.report import Page
+    from ivtools.tables import Text
+
+
+def simulate(
+    record: options.Record,
+    axis: options.Axis = None,
+    theta: Annotated[
+        Path | None,
+        typer.Option(
+            "--theta",
+            metavar="FILE",
+            help="Parameters: the JSON of identify, or names and numbers; default: the true ones "
+            "of a simulated record, the axis file's, else IDIM-LS estimates.",
+        ),
+    ] = None,
+    friction: options.FrictionModel = None,
+    data: options.Data = None,
+    json: options.Json = None,
+    out: options.Out = None,
+) -> None:
+    """Simulate the closed loop and compare it with the record."""
+    from ivtools.cli.case import load, load_theta, with_friction
+
+    given = load_theta(theta) if theta is not None else None
+    measured, loop = load(record, axis, data, friction)
+    if given is None and friction is None and measured.theta_true is not None:
+        given, source = dict(measured.theta_true), "true parameters of the record"
+    else:
+        source = str(theta)
+    if given is not None and friction is None and set(given) - set(loop.parameters):
+        loop = with_friction(loop, "asymmetric" if "viscous_pos" in given else "symmetric")
+    if given is None:
+        given, source = _default(measured, loop)
+    simulation = loop.simulate(measured, given)
+    if not simulation.finite:
+        raise EstimationError(
+            "the simulated loop is unstable; check the parameters and the controller's gains"
+        )
+    errors = simulation.relative_error(measured)
+    texts: list[object] = [_table(errors, source)]
+    if out is not None:
+        texts.append(f"report: {write_page(page(measured, simulation, texts[0]), out)}")
+    show(*texts, json_file=json)
+    write_json({"relative_error": errors}, json)
+
+
+def _default(record: Record, loop: ClosedLoop) -> tuple[dict[str, float], str]:
+    """Return the axis file's parameters, else those that least squares finds in the record."""
+    try:
+        return loop.values(), "starting values of the axis file"
+    except AxisError:
+        from ivtools.estimators.least_squares import IDIMLS
+        from ivtools.problem import Problem
+
+        try:
+            fit = IDIMLS().fit(Problem(record, loop))
+        except IVToolsError as error:
+            raise type(error)(f"{error} (no --theta was given)") from error
+        return {str(k): float(v) for k, v in fit.params.items()}, "IDIM-LS on this record"
+
+
+def _table(errors: dict[str, float], source: str) -> Text:
+    """Return the relative errors as a table."""
+    from ivtools.tables import table
+
+    rows = [[signal, f"{error:.5g}"] for signal, error in errors.items()]
+    header = ["signal", "relative error, %"]
+    return table("Simulated against measured", [], header, rows, [f"parameters: {source}"])
+
+
+def page(record: Record, simulation: Simulation, table: object) -> Page:
+    """Return the page of one simulation."""
+    from ivtools import plots
+    from ivtools.report import Page, Picture
+
+    lead = f"{simulation.loop.name} simulated in closed loop on the reference of {record!r}."
+    out = Page(f"{record.name}: simulation", lead)
+    figure = plots.simulation(simulation, record, width_mm=160.0)
+    caption = "Simulated and measured signals, the errors below."
+    out.add("Relative errors", tables=[table], figures=[Picture("simulation", figure, caption)])  # type: ignore[list-item]
+    return out

@@ -1,0 +1,189 @@
+"""The main job on the embedded record: identify, compare with the truth, simulate, report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from ivtools import axes, datasets
+from ivtools.comparison import Comparison, compare
+from ivtools.estimators.base import METHODS, estimator_class
+from ivtools.problem import Problem
+from ivtools.report import Page, Picture
+from ivtools.tables import Text, table
+
+if TYPE_CHECKING:
+    from ivtools.record import Record
+    from ivtools.results import FitResults
+
+#: What the demo does, in order: methods with symmetric and with asymmetric friction.
+STEPS = tuple(
+    (method, model)
+    for model in ("symmetric", "asymmetric")
+    for method in ("idim-ls", "idim-iv", "didim")
+    if method in METHODS
+)
+_TERMS = {
+    "symmetric": ("inertia", "viscous", "coulomb", "offset"),
+    "asymmetric": ("inertia", "asymmetric-friction"),
+}
+LEAD = (
+    "A simulated axis whose true parameters are known: 24.8 s at 1 kHz in closed loop, an encoder "
+    "of 50 nm, 2 N of force noise, and friction that differs by direction. It is identified as if "
+    "it were real."
+)
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What the demo found.
+
+    Attributes
+    ----------
+    fits : tuple of FitResults
+        In the order of `STEPS`.
+    comparison : Comparison
+        All of them side by side, simulated.
+    """
+
+    fits: tuple[FitResults, ...]
+    comparison: Comparison
+
+    @property
+    def problem(self) -> Problem:
+        """The problem with the friction model of the truth."""
+        problem = self.fits[-1].problem
+        assert problem is not None  # every estimator keeps its problem
+        return problem
+
+    @property
+    def best(self) -> tuple[FitResults, ...]:
+        """The results with the friction model of the truth."""
+        return tuple(fit for fit in self.fits if "viscous_pos" in fit.names)
+
+    def truth(self) -> Text:
+        """Return estimates of the true model beside the true parameters."""
+        true = self.problem.record.theta_true or {}
+        header = ["parameter", "unit", "true", *(fit.method for fit in self.best)]
+        rows = [
+            [name, self.problem.units[name], f"{true[name]:g}"]
+            + [f"{fit.params[name]:.4g} ({fit.std_errors[name]:.2g})" for fit in self.best]
+            for name in self.problem.names
+        ]
+        notes = ["standard errors (HAC) in parentheses"]
+        return table("Estimates against the truth", [], header, rows, notes, left=2)
+
+    def tables(self) -> Iterator[Text]:
+        """Yield the tables for a terminal."""
+        yield self.truth()
+        yield self.comparison.summary()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content as plain objects, ready for JSON."""
+        return {
+            "truth": dict(self.problem.record.theta_true or {}),
+            "comparison": self.comparison.to_dict(),
+        }
+
+
+def demo(progress: Callable[[str], object] = str) -> Demo:
+    """Identify the twin by several methods and simulate it with each result.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called with the name of each step when it is done.
+
+    Examples
+    --------
+    >>> result = demo()
+    >>> abs(result.best[0].params["inertia"] / 95.0 - 1.0) < 0.01
+    True
+    """
+    record, loop = datasets.twin(), axes.emps()
+    problems = {name: Problem(record, loop.with_terms(*terms)) for name, terms in _TERMS.items()}
+    fits = []
+    for method, model in STEPS:
+        fits.append(estimator_class(method)().fit(problems[model]))
+        progress(f"{method}, {model} friction")
+    return Demo(tuple(fits), compare(fits))
+
+
+def page(result: Demo) -> Page:
+    """Return the page of a demo."""
+    from ivtools import plots
+
+    record = result.problem.record
+    out = Page("An axis identified: the ivtools demo", LEAD)
+    caption = "Estimates with 95 % intervals, true values dashed."
+    estimates = plots.parameters(result.best, truth=record.theta_true)
+    out.add(
+        "Estimates against the truth",
+        "The friction model is that of the truth: one viscous and one Coulomb coefficient per "
+        "direction.",
+        tables=[result.truth()],
+        figures=[Picture("parameters", estimates, caption)],
+    )
+    symmetric, asymmetric = result.fits[0], result.best[0]
+    out.add(
+        "What the friction model is worth",
+        "The same record and method, first with friction that is the same in both directions, "
+        "then with friction of its own in each.",
+        figures=[
+            Picture("force-symmetric", plots.force(symmetric, title=_title(symmetric)), _FORCE),
+            Picture("force-asymmetric", plots.force(asymmetric, title=_title(asymmetric)), _FORCE),
+        ],
+    )
+    add_simulation(out, result.best[-1])
+    out.add("All methods", tables=[result.comparison.summary()])
+    return out
+
+
+def comparison_page(comparison: Comparison, holdout: Record | None = None) -> Page:
+    """Return the page of a comparison: table, intervals, force and simulation."""
+    from ivtools import plots
+
+    first = comparison.results[0].problem
+    assert first is not None  # every estimator keeps its problem
+    out = Page(f"{first.record.name}: methods compared", f"{first.loop.name}, {first.record!r}.")
+    caption = "Estimates with 95 % intervals."
+    estimates = plots.parameters(comparison, truth=first.record.theta_true)
+    pictures = [Picture("parameters", estimates, caption)]
+    out.add("Comparison", tables=[comparison.summary()], figures=pictures)
+    best = min(comparison.results, key=lambda fit: fit.relative_error)
+    forces = [Picture("force", plots.force(best, title=_title(best)), _FORCE)]
+    if holdout is not None:
+        from dataclasses import replace
+
+        assert best.problem is not None
+        other = replace(best.problem, record=holdout)
+        forces.append(Picture("cross-test", plots.force(best, other), f"Hold-out. {_FORCE}"))
+    out.add("Force", "The result with the smallest error on its record.", figures=forces)
+    add_simulation(out, best)
+    return out
+
+
+def add_simulation(out: Page, fit: FitResults) -> None:
+    """Add the closed loop simulated with a result to a page."""
+    from ivtools import plots
+
+    problem = fit.problem
+    assert problem is not None  # every estimator keeps its problem
+    simulated = problem.simulate(fit.params.to_numpy())
+    figure = plots.simulation(simulated, problem.record, problem.pipeline, width_mm=160.0)
+    caption = "Simulated and measured signals with their relative errors."
+    out.add(
+        "The closed loop simulated",
+        f"Driven by the record's reference alone, with the parameters of {fit.method.upper()}.",
+        figures=[Picture("simulation", figure, caption)],
+    )
+
+
+def _title(fit: FitResults) -> str:
+    """Return the title of a force figure: method, model, error."""
+    model = "asymmetric" if "viscous_pos" in fit.names else "symmetric"
+    return f"{fit.method.upper()}, {model} friction: {fit.relative_error:.2f} %"
+
+
+_FORCE = "Force measured and reconstructed; below, their difference."
