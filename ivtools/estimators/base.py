@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 METHODS = {
     "idim-ls": "least_squares:IDIMLS",
     "idim-wls": "least_squares:IDIMWLS",
+    "idim-iv": "instrumental:IDIMIV",
+    "idim-bciv": "instrumental:IDIMBCIV",
 }
 """Method names of the command line, each with its module and class in `ivtools.estimators`."""
 
