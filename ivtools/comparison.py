@@ -71,7 +71,11 @@ class Comparison:
     def _rows(self, labels: Sequence[str]) -> list[list[str]]:
         """Write the rows of some of the results."""
         columns = [self._column(label) for label in labels]
-        shown = [key for key in self.frame.index.to_list() if key[0] != "std_errors"]
+        shown = [
+            key
+            for key in self.frame.index.to_list()
+            if key[0] != "std_errors" and any(np.isfinite(column[key]) for column in columns)
+        ]
         return [[LABELS.get(key, key[1]), *(_cell(column, key) for column in columns)]
                 for key in shown]  # fmt: skip
 
@@ -142,7 +146,7 @@ def compare(
     record = getattr(holdout, "record", holdout)
     notes: list[str] = []
     columns = {}
-    for label, fit in zip(_labels(results), results, strict=True):
+    for label, fit in zip(labels_of(results), results, strict=True):
         columns[label] = _figures(label, fit, record, simulate, notes)
     names = list(dict.fromkeys(name for fit in results for name in fit.names))
     order = [(group, name) for name in names for group in ("params", "std_errors")]
@@ -186,13 +190,15 @@ def _simulated_errors(
         return {}
 
 
-def _labels(results: Sequence[FitResults]) -> list[str]:
-    """Return one label per result: the method, numbered where it occurs again."""
+def labels_of(results: Sequence[FitResults]) -> list[str]:
+    """Return one label per result: the method, with its friction model where models differ."""
+    mixed = len({"viscous_pos" in fit.names for fit in results}) > 1
     seen: dict[str, int] = {}
     labels = []
     for fit in results:
-        seen[fit.method] = count = seen.get(fit.method, 0) + 1
-        labels.append(fit.method if count == 1 else f"{fit.method} #{count}")
+        label = fit.method + " asym." * (mixed and "viscous_pos" in fit.names)
+        seen[label] = count = seen.get(label, 0) + 1
+        labels.append(label if count == 1 else f"{label} #{count}")
     return labels
 
 

@@ -83,8 +83,8 @@ def run(arguments: Sequence[str]) -> int:
 
     Examples
     --------
-    >>> run(["axis", "emps", "--json", os.devnull])
-    0
+    >>> run(["identify", "nowhere.csv"])
+    2
     """
     with warnings.catch_warnings():
         _hear_warnings()

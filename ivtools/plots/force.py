@@ -10,6 +10,7 @@ from ivtools.plots.style import (
     COLOURS,
     WIDTH_MM,
     Sheet,
+    fit_to_inner,
     legend_above,
     line,
     look,
@@ -65,6 +66,7 @@ def force(
         line(top, t, y, color=COLOURS["measured"], lw=1.7, label="measured")
         line(top, t, model, color=COLOURS["model"], lw=0.7, label="reconstructed")
         line(bottom, t, y - model, color=COLOURS["error"], lw=0.6)
+        fit_to_inner(bottom, y - model)
         top.set_ylabel(f"{name} ({unit})")
         bottom.set_ylabel(f"Error ({unit})")
         top.tick_params(bottom=False)

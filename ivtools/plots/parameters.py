@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 
+from ivtools.comparison import labels_of
 from ivtools.plots.style import COLOURS, MARKERS, WIDTH_MM, Sheet, look, readable, sheet
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def parameters(
     """
     fits = list(results if isinstance(results, Sequence) else results.results)
     names = list(dict.fromkeys(name for fit in fits for name in fit.names))
-    labels = _labels(fits)
+    labels = labels_of(fits)
     rows = -(-len(names) // 2)
     with look():
         figure = sheet(width_mm, 10.0 + rows * (11.5 + 3.6 * len(fits)))
@@ -89,15 +90,6 @@ def _panel(axes: Axes, name: str, fits: Sequence[FitResults], level: float) -> N
     axes.margins(x=0.12)
     axes.locator_params(axis="x", nbins=4)
     axes.grid(axis="y", visible=False)
-
-
-def _labels(fits: Sequence[FitResults]) -> list[str]:
-    """Return one label per result; the model is named where the same method comes again."""
-    methods = [fit.method for fit in fits]
-    return [
-        fit.method + " asym." * (methods.count(fit.method) > 1 and "viscous_pos" in fit.names)
-        for fit in fits
-    ]
 
 
 def _shown(name: str) -> str:

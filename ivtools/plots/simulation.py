@@ -12,6 +12,7 @@ from ivtools.plots.style import (
     COLOURS,
     WIDTH_MM,
     Sheet,
+    fit_to_inner,
     legend_above,
     line,
     look,
@@ -116,6 +117,7 @@ def _panel(
     line(main, t, measured, color=COLOURS["measured"], lw=1.7, label="measured")
     line(main, t, simulated, color=COLOURS["model"], lw=0.7, label="simulated")
     line(strip, t, factor * error, color=COLOURS["error"], lw=0.6)
+    fit_to_inner(strip, factor * error)
     main.set_ylabel(f"{name.capitalize()}\n({readable(unit)})")
     strip.set_ylabel(f"Error\n({readable(small)})")
     strip.locator_params(axis="y", nbins=3)

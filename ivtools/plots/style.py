@@ -84,6 +84,19 @@ def line(axes: Axes, t: Array, x: Array, **options: Any) -> None:
     axes.plot(t, np.ravel(x), rasterized=len(t) > 3000, **options)
 
 
+def fit_to_inner(axes: Axes, x: Array) -> None:
+    """Scale an error axis to all but the record's ends, where filters ring.
+
+    What is larger there runs off the axes, in sight.
+    """
+    x = np.ravel(x)
+    inner = x[len(x) // 50 : -(len(x) // 50) or None]
+    low, high = float(inner.min()), float(inner.max())
+    if np.ptp(x) > 1.5 * (high - low) > 0.0:
+        margin = 0.15 * (high - low)
+        axes.set_ylim(low - margin, high + margin)
+
+
 def legend_above(axes: Axes, columns: int = 3) -> None:
     """Put the legend between the axes and their title, where it hides nothing."""
     axes.legend(
