@@ -213,9 +213,16 @@ class Problem:
         controller = replace(self.loop.controller.scaled(ratio), limit=np.inf)
         return replace(self.loop, controller=controller)
 
-    def instruments(self, theta: Theta | None, *, filtered: bool = True) -> Array:
-        """Return the instruments: the regressor of the loop simulated at theta, (N, p)."""
-        return self.simulated_rows(theta, filtered=filtered)[0]
+    def instruments(
+        self, theta: Theta | None, *, filtered: bool = True, scale_gain: bool = False
+    ) -> Array:
+        """Return the instruments: the regressor of the loop simulated at theta, (N, p).
+
+        The same as `simulated_rows` without its force, which saves a fifth of the time.
+        """
+        motion, force = self._simulated(theta, filtered, scale_gain)
+        columns = self.loop.regressor(motion, force, self.record.t - self.record.t[0])
+        return self.pipeline.rows(columns, self._speed)
 
     @cached_property
     def start(self) -> dict[str, float]:

@@ -141,9 +141,9 @@ class IDIMIV(Estimator):
 
     def system(self, problem: Problem, theta: Array, scale_gain: bool = False) -> System:
         """Return the equations and the instruments simulated at theta (p,)."""
-        Z = problem.simulated_rows(
+        Z = problem.instruments(
             within_bounds(problem, theta), filtered=self.filtered, scale_gain=scale_gain
-        )[0]
+        )
         return System(problem.X, problem.y, Z, problem.row_joints, problem.t)
 
     def row_weights(self, system: System, resids: Array, last: Weights | None) -> Weights | None:
