@@ -143,7 +143,8 @@ def compare(
     results = tuple(results)
     if not results:
         raise IVToolsError("compare was given no result; give at least one FitResults")
-    record = getattr(holdout, "record", holdout)
+    other: Any = holdout
+    record: Record | None = getattr(other, "record", other)
     notes: list[str] = []
     columns = {}
     for label, fit in zip(labels_of(results), results, strict=True):

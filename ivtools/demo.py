@@ -154,8 +154,8 @@ def comparison_page(comparison: Comparison, holdout: Record | None = None) -> Pa
     pictures = [Picture("parameters", estimates, caption)]
     out.add("Comparison", tables=[comparison.summary()], figures=pictures)
     test = "cross-test" if holdout is not None else "direct"
-    errors = comparison.frame.loc[("relative_error", test)].to_numpy(dtype=float)
-    best = comparison.results[int(np.nanargmin(errors))]
+    row = comparison.frame.index.get_loc(("relative_error", test))
+    best = comparison.results[int(np.nanargmin(comparison.frame.to_numpy()[row]))]
     forces = [Picture("force", plots.force(best, title=_title(best)), _FORCE)]
     if holdout is not None:
         from dataclasses import replace
