@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from ivtools.plots.force import force
 from ivtools.plots.parameters import parameters
+from ivtools.plots.residuals import residuals
 from ivtools.plots.simulation import simulation
 from ivtools.plots.style import Sheet, save
 
-__all__ = ["Sheet", "force", "parameters", "save", "simulation"]
+__all__ = ["Sheet", "force", "parameters", "residuals", "save", "simulation"]

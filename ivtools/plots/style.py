@@ -84,17 +84,22 @@ def line(axes: Axes, t: Array, x: Array, **options: Any) -> None:
     axes.plot(t, np.ravel(x), rasterized=len(t) > 3000, **options)
 
 
-def fit_to_inner(axes: Axes, x: Array) -> None:
+def fit_to_inner(axes: Axes, *errors: Array) -> None:
     """Scale an error axis to all but the record's ends, where filters ring.
 
     What is larger there runs off the axes, in sight.
     """
-    x = np.ravel(x)
-    inner = x[len(x) // 50 : -(len(x) // 50) or None]
+    x = np.concatenate([np.ravel(error) for error in errors])
+    inner = np.concatenate([_inner(np.ravel(error)) for error in errors])
     low, high = float(inner.min()), float(inner.max())
     if np.ptp(x) > 1.5 * (high - low) > 0.0:
         margin = 0.15 * (high - low)
         axes.set_ylim(low - margin, high + margin)
+
+
+def _inner(x: Array) -> Array:
+    """Return a signal without a fiftieth at either end."""
+    return x[len(x) // 50 : -(len(x) // 50) or None]
 
 
 def legend_above(axes: Axes, columns: int = 3) -> None:
