@@ -27,6 +27,7 @@ Backend = Literal["loky", "threading", "dask"]
 
 BLOCK_S = 2.0  # s of work in a block, once the pace is known
 LARGEST_BLOCK = 500
+TIMEOUT_S = 20.0  # for a Dask scheduler to answer
 
 
 class Progress(NamedTuple):
@@ -47,10 +48,10 @@ class Progress(NamedTuple):
 
 
 class Task(NamedTuple):
-    """A block of work and what a worker needs for it."""
+    """A block of work, and the case with its estimators: themselves, or as bytes to be sent."""
 
     block: Block
-    sent: bytes
+    sent: bytes | work.Bench
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +137,8 @@ class Study:
         if backend not in ("loky", "threading", "dask"):
             raise IVToolsError(f"backend {backend!r} is unknown; use loky, threading or dask")
         store = _store(path)
-        plan = list(self._missing(store))
+        away = backend == "dask" or (n_jobs != 1 and backend == "loky")
+        plan = list(self._missing(store, away))
         pace = _Pace(sum(b.last - b.first for b, _ in plan), progress)
         parts: list[pa.Table] = []
         for block, table, seconds in _outcomes(plan, pace, n_jobs, backend, scheduler):
@@ -189,12 +191,13 @@ class Study:
         for case in self.cases:
             yield Block(case.identity, who, 0, self.seeds)
 
-    def _missing(self, store: Store | None) -> Iterator[Task]:
+    def _missing(self, store: Store | None, away: bool) -> Iterator[Task]:
         """Yield what is not finished: ranges of repetitions and the estimators they lack."""
         done = [] if store is None else [block for _, block in store.blocks()]
         for case, block in zip(self.cases, self._blocks(), strict=True):
             for estimators, first, last in _gaps(block, [b for b in done if b.case == block.case]):
-                sent = work.payload(case, {k: self._labelled[k] for k in estimators})
+                mine = {k: self._labelled[k] for k in estimators}
+                sent = work.payload(case, mine) if away else work.Bench(case, mine)
                 yield Task(Block(block.case, estimators, first, last), sent)
 
 
@@ -242,7 +245,7 @@ def _gaps(wanted: Block, done: Iterable[Block]) -> Iterator[tuple[dict[str, str]
             yield open_, first, last
 
 
-def _timed(block: Block, sent: bytes) -> tuple[Block, pa.Table, float]:
+def _timed(block: Block, sent: bytes | work.Bench) -> tuple[Block, pa.Table, float]:
     start = perf_counter()
     table = work.work(sent, block.first, block.last)
     return block, table, perf_counter() - start
@@ -282,7 +285,7 @@ def _parallel(backend: Backend, scheduler: str | None) -> Iterator[None]:
             yield
         return
     try:
-        client = Client(scheduler, set_as_default=False, timeout=20)
+        client = Client(scheduler, set_as_default=False, timeout=TIMEOUT_S)
     except (OSError, ValueError) as error:
         raise IVToolsError(f"no Dask scheduler answers at {scheduler} ({error})") from error
     with client, joblib.parallel_config(backend="dask", client=client):

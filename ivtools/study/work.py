@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property, lru_cache
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import cloudpickle
@@ -61,19 +63,37 @@ class Bench:
 
 
 def payload(case: Case, estimators: Mapping[str, Any]) -> bytes:
-    """Return a case and its estimators as bytes, the same for every block of the case."""
+    """Return a case and its estimators as bytes, the same for every block of the case.
+
+    Classes from a script or a module of the user's own travel as their code, so that a worker on
+    another machine needs no copy of the file.
+    """
+    own = {m for e in estimators.values() if (m := sys.modules.get(type(e).__module__))}
+    own = {m for m in own if not _installed(m)}
     try:
+        for module in own:
+            cloudpickle.register_pickle_by_value(module)
         return bytes(cloudpickle.dumps((case, dict(estimators))))
     except Exception as error:
         raise EstimationError(
             f"case {case.name} or one of its estimators cannot be sent to a worker ({error}); "
             "keep open files and locks out of them"
         ) from error
+    finally:
+        for module in own:
+            cloudpickle.unregister_pickle_by_value(module)
 
 
-def work(sent: bytes, first: int, last: int) -> pa.Table:
+def _installed(module: ModuleType) -> bool:
+    """Whether every worker has this module: it belongs to an installed package, or to us."""
+    file = getattr(module, "__file__", None) or ""
+    own = module.__name__.split(".")[0] == "ivtools"
+    return own or module.__name__ == "__main__" or "-packages" in file or not file
+
+
+def work(sent: bytes | Bench, first: int, last: int) -> pa.Table:
     """Return the rows of repetitions `first` to `last` (excluded)."""
-    bench = _bench(sent)
+    bench = _bench(sent) if isinstance(sent, bytes) else sent
     with quiet():
         return part([row for seed in range(first, last) for row in bench.rows(seed)])
 

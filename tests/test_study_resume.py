@@ -1,0 +1,225 @@
+"""Studies that stream to a folder: killed at any moment, they go on where they were."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import ivtools as iv
+from ivtools.errors import DataError, IVToolsError
+from ivtools.study import COLUMNS, MEASURED, Case, Study, Trapezoids, load
+from ivtools.study.table import Block, Store, part
+
+SCRIPT = """
+import time
+import ivtools as iv
+from ivtools.study import Case, Study, Trapezoids
+
+class Slow:
+    # takes as long as a real fit; the table must not depend on it
+    def fit(self, problem):
+        time.sleep(0.01)
+        return dict(zip(problem.names, problem.X[0].tolist()))
+
+theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+moves = Trapezoids(1.0, strokes=(0.03,), speeds=(0.12,))
+cases = [
+    Case(f"{e:g}", iv.axes.emps(), theta, moves, encoder_noise=e, force_noise=2.0)
+    for e in (1e-7, 1e-6)
+]
+study = Study(cases, {"slow": Slow(), "ls": iv.IDIMLS()}, seeds=SEEDS)
+"""
+RUN = """
+import sys
+from ivtools.study import load, run
+run.BLOCK_S = 0.05
+load(sys.argv[1]).run(n_jobs=int(sys.argv[3]), path=sys.argv[2])
+"""
+
+
+def same(a: pd.DataFrame, b: pd.DataFrame) -> None:
+    columns = [name for name in COLUMNS if name not in MEASURED]
+    pd.testing.assert_frame_equal(a[columns], b[columns], check_exact=True)
+
+
+MOVES = Trapezoids(1.0, strokes=(0.03,), speeds=(0.12,))
+
+
+def small(seeds: int = 5, estimators=None, **changes) -> Study:
+    theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+    settings = {"force_noise": 2.0, **changes}
+    cases = [Case(n, iv.axes.emps(), theta, MOVES, **settings) for n in ("a", "b")]
+    return Study(cases, estimators or {"ls": iv.IDIMLS()}, seeds)
+
+
+class Counting:
+    """An estimator that counts how often it was asked."""
+
+    asked = 0
+
+    def fit(self, problem):
+        type(self).asked += 1
+        return dict.fromkeys(problem.names, 1.0)
+
+
+def test_finished_work_is_not_done_again(tmp_path):
+    Counting.asked = 0
+    estimators = {"counting": Counting()}
+    first = small(5, estimators).run(path=tmp_path)
+    assert Counting.asked == 10
+    same(small(5, estimators).run(path=tmp_path), first)
+    assert Counting.asked == 10
+    more = small(8, estimators).run(path=tmp_path)
+    assert Counting.asked == 16
+    same(more[more["seed"] < 5].reset_index(drop=True), first)
+    same(small(5, estimators).run(path=tmp_path), first)
+
+
+def test_another_estimator_or_case_adds_its_own_fits_only(tmp_path):
+    Counting.asked = 0
+    small(4, {"counting": Counting()}).run(path=tmp_path)
+    both = {"ls": iv.IDIMLS(), "counting": Counting()}
+    table = small(4, both).run(path=tmp_path)
+    assert Counting.asked == 8
+    same(table, small(4, both).run())
+    other = small(4, both, force_noise=3.0).run(path=tmp_path)
+    assert not np.array_equal(other["theta"], table["theta"])
+    same(small(4, both).run(path=tmp_path), table)
+
+
+def test_changed_settings_of_an_estimator_are_another_estimator(tmp_path):
+    first = small(3, {"ls": iv.IDIMLS()}).run(path=tmp_path)
+    second = small(3, {"ls": iv.IDIMLS(cov_type="classical")}).run(path=tmp_path)
+    assert (first["theta"] == second["theta"]).all()
+    assert (first["std_error"] != second["std_error"]).all()
+
+
+def test_the_folder_gives_the_same_table_as_memory_for_any_workers(tmp_path):
+    same(small().run(path=tmp_path / "one"), small().run())
+    same(small().run(n_jobs=2, path=tmp_path / "two"), small().run())
+    same(small().table(tmp_path / "two"), small().run())
+
+
+def test_overlapping_parts_count_once(tmp_path):
+    study = small()
+    table = study.run(path=tmp_path)
+    store = Store(tmp_path)
+    block = next(study._blocks())
+    rows = next(iter(store.read([block]))).slice(0, 8)
+    store.write(Block(block.case, block.estimators, 0, 2), rows)
+    same(study.table(tmp_path), table)
+
+
+def test_half_written_files_are_not_read_and_are_swept(tmp_path):
+    study = small()
+    table = study.run(path=tmp_path)
+    part_file = next(tmp_path.glob("part-*.parquet"))
+    left = tmp_path / f"{part_file.name}.{2**22 + 1}.tmp"  # no process has this number
+    left.write_bytes(part_file.read_bytes()[:100])
+    same(study.table(tmp_path), table)
+    assert left.exists()
+    same(study.run(path=tmp_path), table)
+    assert not left.exists()
+
+
+def test_a_damaged_part_is_named(tmp_path):
+    study = small()
+    study.run(path=tmp_path)
+    victim = sorted(tmp_path.glob("part-*.parquet"))[0]
+    victim.write_bytes(b"PAR1 nothing")
+    with pytest.raises(DataError, match=f"{victim.name} is not a part of a study.*delete it"):
+        study.run(path=tmp_path)
+
+
+def test_a_path_that_is_no_folder(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(IVToolsError, match="cannot be a folder"):
+        small().run(path=tmp_path / "file")
+
+
+def test_interrupted_by_the_user_keeps_what_is_finished(tmp_path):
+    def stop(progress):
+        if progress.done >= 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        small(6).run(path=tmp_path, progress=stop)
+    seeds = small(6).table(tmp_path).drop_duplicates(["case", "seed"])
+    assert 4 <= len(seeds) < 12
+    same(small(6).run(path=tmp_path), small(6).run())
+
+
+def killed(script: Path, folder: Path, after: float, jobs: int) -> bool:
+    """Run a study in a process of its own and kill it; return whether it had ended before."""
+    command = [sys.executable, "-c", RUN, str(script), str(folder), str(jobs)]
+    process = subprocess.Popen(command, start_new_session=True)
+    try:
+        process.wait(timeout=after)
+    except subprocess.TimeoutExpired:
+        os.kill(process.pid, signal.SIGKILL)  # its workers see the pipe close, and end
+        process.wait()
+        return False
+    assert process.returncode == 0
+    return True
+
+
+def rounds(tmp_path: Path, seeds: int, jobs: int, most: int, longest: float) -> None:
+    """Kill at random times until the study ends; check the folder after each round."""
+    script = tmp_path / "study.py"
+    script.write_text(textwrap.dedent(SCRIPT.replace("SEEDS", str(seeds))))
+    study, folder = load(script), tmp_path / "rows"
+    folder.mkdir()
+    whole, done, kills = study.run(), set(), 0
+    rng = np.random.default_rng(seeds)
+    for _ in range(most):
+        ended = killed(script, folder, rng.uniform(1.0, longest), jobs)
+        now = study.table(folder)
+        keys = [tuple(k) for k in now[["case", "estimator", "seed", "parameter"]].to_numpy()]
+        assert len(set(keys)) == len(keys), "a row appears twice"
+        assert done <= set(keys), "finished rows were lost"
+        found = whole.merge(now, on=["case", "estimator", "seed", "parameter"])
+        assert len(found) == len(now) and (found["theta_x"] == found["theta_y"]).all()
+        done, kills = set(keys), kills + (not ended)
+        if ended:
+            break
+    else:
+        study.run(path=folder)
+    same(study.table(folder), whole)
+    assert kills > 0, "the study was never killed; make it longer"
+    print(f"{kills} kills, {len(list(folder.glob('*')))} files")
+
+
+def test_killed_at_random_times(tmp_path):
+    rounds(tmp_path, seeds=200, jobs=1, most=4, longest=2.5)
+
+
+@pytest.mark.slow
+def test_killed_at_random_times_many_rounds(tmp_path):
+    start = time.perf_counter()
+    rounds(tmp_path, seeds=3000, jobs=2, most=60, longest=4.0)
+    assert time.perf_counter() - start < 600
+
+
+def test_rows_in_memory_stay_flat(tmp_path):
+    """100 000 rows are read as categories and numbers: some ten megabytes."""
+    rows = [
+        ("a", "ls", seed, name, 1.0, 1.0, 0.1, 2.0, 2.0, True, 1, 0, 1e-3, "")
+        for seed in range(25_000)
+        for name in ("inertia", "viscous", "coulomb", "offset")
+    ]
+    study = small(25_000)
+    block = next(study._blocks())
+    store = Store(tmp_path)
+    for first in range(0, 25_000, 1000):
+        piece = part(rows[4 * first : 4 * first + 4000])
+        store.write(Block(block.case, block.estimators, first, first + 1000), piece)
+    table = study.table(tmp_path)
+    assert len(table) == 100_000
+    assert table.memory_usage(deep=True).sum() < 20e6
