@@ -1,0 +1,231 @@
+"""Floor: what no model of the axis could close.
+
+The noise of the command is modelled on windows that are quiet both at high and at low frequency,
+after every smooth law of the state has been taken out. Windows far above it that do not come
+again with the reference are events from outside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, signal
+
+from ..record import Record
+from .fit import Fit
+from .fold import Fold
+from .response import Response, features
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ORDER = 20
+_WINDOW = 0.1  # s
+_LOW_HZ = 12.0
+_OUTLIER = 8.0  # median absolute deviations
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """Noise of a record, and what is not repeatable in it.
+
+    Parameters
+    ----------
+    whitener : ndarray, (order + 1,)
+        Polynomial that turns the noise, N or N m, into white noise of variance 1.
+    noise : float
+        Noise of the force, N or N m rms.
+    generic : float
+        Mean square of the whitened error that smooth laws of the state leave; 1 is the floor.
+    period : float or None
+        Period of the reference, s.
+    passes : float or None
+        Rms of the pass-to-pass difference over sqrt(2), N or N m.
+    events : tuple of (float, float)
+        Start and end, s, of stretches that no law of the state explains.
+    event_mask : ndarray of bool, (n_samples,)
+    """
+
+    whitener: Array
+    noise: float
+    generic: float
+    period: float | None
+    passes: float | None
+    events: tuple[tuple[float, float], ...]
+    event_mask: Mask
+
+
+def measure(fit: Fit, response: Response, raw: Array, periods: tuple[float, ...]) -> Floor:
+    """Measure the floor of a fold.
+
+    Parameters
+    ----------
+    fit : Fit
+        A fit of the base model on unwhitened error.
+    response : Response
+        Of the command to a force.
+    raw : ndarray, (n_samples,)
+        Force error of that fit, N or N m.
+    periods : tuple of float
+        Spatial periods to take out, m or rad.
+    """
+    fold = fit.fold
+    tau = fold.simulate(fit.loop, fit.values).tau[:, 0]
+    columns = response(features(fold.record, tau, periods))
+    keep = fold.keep
+    dt = fold.record.dt
+    rest = _project(columns, fit, raw, keep)
+    whitener, weights = np.ones(1), keep.astype(float)
+    for _ in range(2):
+        quiet = _quiet(rest, keep, dt)
+        whitener = _autoregression(rest, quiet)
+        white = replace(fold, whitener=whitener, keep=np.ones(len(rest), dtype=bool)).white(rest)
+        scale = _level(white, keep, dt)
+        whitener = whitener / scale
+        rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt))
+    white = signal.lfilter(whitener, [1.0], rest)
+    mask = _events(white, keep, dt)
+    period = reference_period(fold.record)
+    return Floor(
+        whitener=whitener,
+        noise=float(np.sqrt(np.mean(rest[quiet] ** 2))),
+        generic=float(np.mean(white[keep & ~mask] ** 2)),
+        period=period,
+        passes=_passes(raw, keep & ~mask, period, dt),
+        events=_stretches(mask, fold.record.t),
+        event_mask=mask,
+    )
+
+
+def _project(columns: Array, fit: Fit, raw: Array, keep: Mask) -> Array:
+    """Return the raw error without what features and base model explain, (n_samples,)."""
+    basis = np.column_stack([columns[keep], fit.J])
+    scale = np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
+    beta = np.linalg.lstsq(basis / scale, raw[keep], rcond=1e-7)[0] / scale
+    rest = np.zeros(len(raw))
+    rest[keep] = raw[keep] - basis @ beta
+    return rest
+
+
+def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, keep: Mask) -> Array:
+    """Do the same by generalised least squares, on the typical samples only."""
+    full = np.zeros((len(raw), fit.J.shape[1]))
+    full[fit.fold.keep] = fit.J
+    basis = np.column_stack([columns, full])
+    scale = np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
+    basis = basis / scale
+    white = signal.lfilter(whitener, [1.0], np.column_stack([basis, raw]), axis=0)[keep]
+    beta = np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-7)[0]
+    rest = raw - basis @ beta
+    rest[~fit.fold.keep] = 0.0
+    return np.asarray(rest)
+
+
+def _windows(x: Array, keep: Mask, dt: float) -> tuple[Array, NDArray[np.int_], int]:
+    """Return the mean of each window, how many samples of it count, and its width."""
+    width = max(round(_WINDOW / dt), 10)
+    count = len(x) // width
+    counts = keep[: count * width].reshape(count, width).sum(axis=1)
+    sums = np.where(keep, x, 0.0)[: count * width].reshape(count, width).sum(axis=1)
+    return sums / np.maximum(counts, 1), counts, width
+
+
+def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
+    """Return the samples of windows that are quiet above and below 12 Hz."""
+    sos = signal.butter(2, min(2 * _LOW_HZ * dt, 0.9), output="sos")
+    low = signal.sosfiltfilt(sos, x)
+    good = np.ones(0, dtype=bool)
+    for part in (low, x - low):
+        energy, counts, width = _windows(part**2, keep, dt)
+        full = counts >= 0.8 * width
+        level = np.quantile(energy[full], 0.7) if full.any() else np.inf
+        ok = full & (energy <= level)
+        good = ok if not len(good) else good & ok
+    mask = np.zeros(len(x), dtype=bool)
+    mask[: len(good) * width] = np.repeat(good, width)
+    return mask if mask.sum() > 20 * ORDER else keep
+
+
+def _autoregression(x: Array, mask: Mask) -> Array:
+    """Return the whitening polynomial of the masked samples by the Yule-Walker equations."""
+    x = np.where(mask, x, 0.0)
+    pairs = [float(mask[k:].astype(float) @ mask[: len(x) - k]) for k in range(ORDER + 1)]
+    r = np.array([x[k:] @ x[: len(x) - k] / max(n, 1.0) for k, n in enumerate(pairs)])
+    r *= np.exp(-0.5 * (0.02 * np.arange(ORDER + 1)) ** 2)  # keeps the polynomial stable
+    r[0] *= 1.0 + 1e-6
+    if not r[0] > 0.0:
+        return np.ones(1)
+    return np.concatenate([[1.0], -linalg.solve_toeplitz(r[:-1], r[1:])])
+
+
+def _level(white: Array, keep: Mask, dt: float) -> float:
+    """Return the robust noise level: the median over windows, corrected to a mean."""
+    energy, counts, width = _windows(white**2, keep, dt)
+    full = counts >= 0.8 * width
+    if not full.any():
+        return float(np.sqrt(np.mean(white[keep] ** 2)))
+    correction = (1.0 - 2.0 / (9.0 * width)) ** 3
+    return float(np.sqrt(np.median(energy[full]) / correction))
+
+
+def _typical(white: Array, keep: Mask, dt: float) -> Mask:
+    return keep & ~_events(white, keep, dt)
+
+
+def _events(white: Array, keep: Mask, dt: float) -> Mask:
+    """Return the samples of windows far above the floor, (n_samples,)."""
+    energy, counts, width = _windows(white**2, keep, dt)
+    full = counts >= 0.3 * width
+    if not full.any():
+        return np.zeros(len(white), dtype=bool)
+    middle = np.median(energy[full])
+    spread = 1.4826 * np.median(np.abs(energy[full] - middle))
+    bad = full & (energy > middle + _OUTLIER * max(spread, 0.1 * middle))
+    bad = bad | np.roll(bad, 1) | np.roll(bad, -1) if bad.any() else bad
+    mask = np.zeros(len(white), dtype=bool)
+    mask[: len(bad) * width] = np.repeat(bad, width)
+    return mask & keep
+
+
+def _stretches(mask: Mask, t: Array) -> tuple[tuple[float, float], ...]:
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(int)))
+    return tuple((float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True))
+
+
+def reference_period(record: Record) -> float | None:
+    """Return the period of the reference, s, if it repeats itself at least once."""
+    assert record.q_ref is not None
+    x = record.q_ref[:, 0] - np.mean(record.q_ref[:, 0])
+    n, least = len(x), max(20, len(x) // 200)
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(x, size)
+    product = np.fft.irfft(np.abs(spectrum) ** 2, size)[: n // 2 + 1]
+    total = np.cumsum(x**2)
+    lags = np.arange(n // 2 + 1)
+    energy = total[n - 1 - lags] + total[-1] - np.concatenate([[0.0], total[: n // 2]])
+    mismatch = 1.0 - 2.0 * product / np.maximum(energy, 1e-300)
+    away = np.flatnonzero(mismatch > 0.1)
+    if not len(away):
+        return None
+    good = np.flatnonzero(mismatch[max(away[0], least):] < 1e-4)
+    return None if not len(good) else float(_deepest(mismatch, max(away[0], least) + good[0]) * record.dt)
+
+
+def _deepest(mismatch: Array, at: int) -> int:
+    stop = min(at + 200, len(mismatch))
+    return at + int(np.argmin(mismatch[at:stop]))
+
+
+def _passes(raw: Array, keep: Mask, period: float | None, dt: float) -> float | None:
+    """Return the pass-to-pass difference over sqrt(2), detrended, N or N m."""
+    if period is None:
+        return None
+    lag = round(period / dt)
+    both = keep[lag:] & keep[:-lag]
+    difference = (raw[lag:] - raw[:-lag])[both]
+    if len(difference) < 100:
+        return None
+    return float(np.std(signal.detrend(difference)) / np.sqrt(2.0))
+

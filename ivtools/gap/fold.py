@@ -1,0 +1,124 @@
+"""Fold: a stretch of a record on which a loop is judged.
+
+The gap is measured on the command, in units of force: in closed loop the controller hides a model
+error from the position. A fold knows which samples count and how the noise is coloured, and turns
+a set of parameter values into a whitened error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from ..loop import ClosedLoop, Simulation
+from ..record import Record
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Values = Mapping[str, float]
+
+BLOCK = 0.4  # s, length of the blocks that count as independent
+_TRANSIENT = 0.15  # s after the start in which the initial state still shows
+_REST = 0.1  # s of standing reference after which the axis may be stuck anywhere
+_POOL = ThreadPoolExecutor(max_workers=2)
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Samples of a record, and the noise of its command.
+
+    Parameters
+    ----------
+    record : Record
+    keep : ndarray of bool, (n_samples,)
+        Samples that count.
+    whitener : ndarray, (order + 1,)
+        Polynomial that whitens the noise of the command, in N or N m, to unit variance.
+    label : str
+    """
+
+    record: Record
+    keep: Mask
+    whitener: Array = field(default_factory=lambda: np.ones(1))
+    label: str = "record"
+
+    @property
+    def n_kept(self) -> int:
+        """Number of samples that count."""
+        return int(self.keep.sum())
+
+    @cached_property
+    def blocks(self) -> NDArray[np.int_]:
+        """First kept sample of each block, among the kept ones."""
+        width = max(round(BLOCK / self.record.dt), 20)
+        number = np.flatnonzero(self.keep) // width
+        return np.flatnonzero(np.diff(number, prepend=-1))
+
+    def block_sums(self, x: Array) -> Array:
+        """Sum kept samples by block, (n_blocks, ...)."""
+        return np.add.reduceat(x, self.blocks, axis=0)
+
+    def white(self, x: Array) -> Array:
+        """Whiten signals along the first axis and keep the samples that count."""
+        if len(self.whitener) == 1:
+            return (self.whitener[0] * x)[self.keep]
+        return signal.lfilter(self.whitener, [1.0], x, axis=0)[self.keep]
+
+    def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
+        """Simulate a loop on this record."""
+        return loop.simulate(self.record, values)
+
+    def force_error(self, loop: ClosedLoop, values: Values) -> Array:
+        """Return measured minus simulated force, N or N m, (n_samples,); inf if it diverged."""
+        simulation = self.simulate(loop, values)
+        if not simulation.finite:
+            return np.full(self.record.n_samples, np.inf)
+        return loop.gain * (loop.command(self.record) - simulation.nu)[:, 0]
+
+    def error(self, loop: ClosedLoop, values: Values) -> Array:
+        """Return the whitened force error of the samples that count, (n_kept,)."""
+        e = self.force_error(loop, values)
+        return self.white(e) if np.isfinite(e[-1]) else np.full(self.n_kept, 1e6)
+
+    def errors(self, loop: ClosedLoop, points: list[dict[str, float]]) -> Array:
+        """Return the whitened errors at several points, (n_kept, n_points)."""
+        return np.column_stack(list(_POOL.map(lambda p: self.error(loop, p), points)))
+
+    def only(self, keep: Mask, label: str) -> Fold:
+        """Return the fold of those of its samples that are kept."""
+        return replace(self, keep=self.keep & keep, label=label)
+
+
+def usable(record: Record, loop: ClosedLoop) -> Mask:
+    """Return the samples at which command and simulation can be compared, (n_samples,).
+
+    Left out: the transient of the initial state, the command at its limit, and standstill, where
+    the axis is stuck wherever friction caught it and the command says little about the model.
+    """
+    keep = np.ones(record.n_samples, dtype=bool)
+    keep[: round(_TRANSIENT / record.dt)] = False
+    own = loop.command(record)[:, 0]
+    own = own - record.added[:, 0] if record.added is not None else own
+    keep &= ~_dilate(np.abs(own) >= 0.999 * loop.controller.limit, round(0.05 / record.dt))
+    return keep & ~_standing(record)
+
+
+def _standing(record: Record) -> Mask:
+    assert record.q_ref is not None
+    speed = np.abs(np.gradient(record.q_ref[:, 0], record.dt))
+    still = speed < 1e-4 * np.max(speed)
+    width = max(round(_REST / record.dt), 1)
+    run = signal.lfilter(np.ones(width), [1.0], still) > width - 0.5
+    return np.asarray(run, dtype=bool)
+
+
+def _dilate(mask: Mask, width: int) -> Mask:
+    if not mask.any():
+        return mask
+    return np.convolve(mask, np.ones(2 * width + 1), mode="same") > 0.5

@@ -1,0 +1,216 @@
+"""Controller parity: does the recorded command follow from the measured position?
+
+The control law is fed with the measured position and compared with the recorded command. That
+needs no model of the plant, and separates a wrong controller, a log that is shifted in time, a
+limit that nobody declared, and an added input that was not applied as recorded, from everything
+behind the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..loop import ClosedLoop, Controller
+from ..record import Record
+
+Array = NDArray[np.float64]
+
+NAMES = ("kp", "kv", "velocity_filter", "added")
+_MAX_DELAY = 5  # samples
+_HEAD = 20  # samples that still know the time before the record
+_CLIPPED = 8  # samples that sit on the same extreme before it counts as a limit
+_MATERIAL = 0.004  # a smaller relative error of a gain is not worth a name
+_T = 8.0  # block-robust t value from which a mismatch is one
+_GAIN = 0.2  # share of the parity error that a mismatch has to explain
+
+
+@dataclass(frozen=True)
+class Parity:
+    """What the controller shows.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+        The loop with the controller that the record shows.
+    before, after : float
+        Relative parity error as declared and as found, 1.
+    delay : int
+        Samples from the measured position to the recorded command.
+    mismatch : mapping
+        Relative errors of the settings, those that are significant.
+    tvalues : mapping
+        Their block-robust t values.
+    limit : float or None
+        A limit of the command below the declared one.
+    clipped : float
+        Share of the samples in which the command sits at its limit.
+    """
+
+    loop: ClosedLoop
+    before: float
+    after: float
+    delay: int
+    mismatch: dict[str, float]
+    tvalues: dict[str, float]
+    limit: float | None
+    clipped: float
+
+    @property
+    def trustworthy(self) -> bool:
+        """Whether the law, as corrected, reproduces the command."""
+        return self.after < 0.2
+
+
+def check(record: Record, loop: ClosedLoop) -> Parity:
+    """Compare the recorded command with the law fed with the measured position.
+
+    Parameters
+    ----------
+    record : Record
+        With a reference.
+    loop : ClosedLoop
+        Its controller is the one declared.
+
+    Returns
+    -------
+    Parity
+    """
+    signals = _Signals(record, loop)
+    declared = signals.error(loop.controller, loop.controller.delay, 0.0)
+    limit, clipped = _limit(signals, loop.controller)
+    free = ~clipped
+    delay, fitted, tvalues = _best_delay(signals, loop.controller, free)
+    kept = _material(signals, loop.controller, delay, fitted, tvalues, free)
+    controller = _corrected(loop.controller, delay, kept, limit)
+    error = signals.error(controller, delay, kept.get("added", 0.0))
+    size = np.linalg.norm(signals.command[_HEAD:])
+    return Parity(
+        loop=replace(loop, controller=controller),
+        before=float(np.linalg.norm(declared[_HEAD:]) / size),
+        after=float(np.linalg.norm(error[_HEAD:]) / size),
+        delay=delay,
+        mismatch=kept,
+        tvalues={name: tvalues[name] for name in kept},
+        limit=limit,
+        clipped=float(np.mean(clipped)),
+    )
+
+
+class _Signals:
+    """The signals of the control law, one column each."""
+
+    def __init__(self, record: Record, loop: ClosedLoop) -> None:
+        assert record.q_ref is not None
+        self.dt = record.dt
+        self.q, self.q_ref = record.q[:, 0], record.q_ref[:, 0]
+        given = record.dq_ref
+        self.dq_ref = given[:, 0] if given is not None else np.gradient(self.q_ref, self.dt)
+        self.added = record.added[:, 0] if record.added is not None else np.zeros(len(self.q))
+        self.command = loop.command(record)[:, 0]
+
+    def law(self, controller: Controller, delay: int) -> Array:
+        """Return the command of the law, before its limit, (n,)."""
+        nu = controller.law(self.dt)(self.q_ref, self.dq_ref, self.q)
+        return np.concatenate([np.full(delay, nu[0]), nu[: len(nu) - delay]])
+
+    def error(self, controller: Controller, delay: int, added: float) -> Array:
+        """Return recorded minus expected command, (n,)."""
+        expected = np.clip(self.law(controller, delay), -controller.limit, controller.limit)
+        return self.command - expected - (1.0 + added) * self.added
+
+
+def _limit(signals: _Signals, controller: Controller) -> tuple[float | None, NDArray[np.bool_]]:
+    """Return a limit that nobody declared, and where the command sits at any limit."""
+    own = signals.command - signals.added
+    law = signals.law(controller, 0)
+    found, clipped = None, np.abs(own) >= 0.999 * controller.limit
+    top = float(np.max(np.abs(own)))
+    at_top = np.abs(own) > 0.9995 * top
+    beyond = at_top & (np.abs(law) > 1.02 * top) & (np.sign(law) == np.sign(own))
+    if top < 0.999 * controller.limit and beyond.sum() >= _CLIPPED and beyond.sum() > 0.8 * at_top.sum():
+        found, clipped = top, at_top
+    return found, clipped
+
+
+def _best_delay(
+    signals: _Signals, controller: Controller, free: NDArray[np.bool_]
+) -> tuple[int, dict[str, float], dict[str, float]]:
+    fits = []
+    for delay in range(_MAX_DELAY + 1):
+        values, tvalues, cost = _fit(signals, controller, delay, free)
+        fits.append((cost, delay, values, tvalues))
+    _, delay, values, tvalues = min(fits, key=lambda fit: fit[0])
+    return delay, values, tvalues
+
+
+def _fit(
+    signals: _Signals, controller: Controller, delay: int, free: NDArray[np.bool_]
+) -> tuple[dict[str, float], dict[str, float], float]:
+    """Fit the mismatch at one delay; return values, t values and the cost."""
+    names = [n for n in NAMES if n != "added" or signals.added.any()]
+    x = np.zeros(len(names))
+    rows = free.copy()
+    rows[: _HEAD] = False
+    wide = replace(controller, limit=np.inf)
+
+    def error(x: Array) -> Array:
+        values = dict(zip(names, x, strict=True))
+        added = values.pop("added", 0.0)
+        return signals.error(wide.with_mismatch(**values), delay, added)[rows]
+
+    e, step = error(x), 1e-3
+    columns = np.zeros((len(e), len(names)))
+    for _ in range(3):
+        columns = np.column_stack([(error(x + step * d) - e) / step for d in np.eye(len(names))])
+        x = x - np.linalg.lstsq(columns, e, rcond=1e-8)[0]
+        x = np.clip(x, -0.95, 9.0)
+        e = error(x)
+    deviation = _deviations(columns, e)
+    tvalues = np.abs(x) / np.maximum(deviation, 1e-300)
+    as_dict = [dict(zip(names, v.tolist(), strict=True)) for v in (x, tvalues)]
+    return as_dict[0], as_dict[1], float(e @ e)
+
+
+def _deviations(columns: Array, e: Array, blocks: int = 40) -> Array:
+    """Return block-robust standard deviations."""
+    bread = np.linalg.pinv(columns.T @ columns)
+    scores = [c.T @ r for c, r in zip(np.array_split(columns, blocks), np.array_split(e, blocks), strict=True)]
+    meat = np.asarray(scores).T @ np.asarray(scores)
+    return np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0))
+
+
+def _material(
+    signals: _Signals,
+    controller: Controller,
+    delay: int,
+    fitted: dict[str, float],
+    tvalues: dict[str, float],
+    free: NDArray[np.bool_],
+) -> dict[str, float]:
+    """Keep what is significant, worth a name, and explains the parity error."""
+    kept = {n: v for n, v in fitted.items() if abs(v) > _MATERIAL and tvalues[n] > _T}
+    rows = free.copy()
+    rows[: _HEAD] = False
+
+    def energy(values: dict[str, float]) -> float:
+        changed = replace(_corrected(controller, delay, values, None), limit=np.inf)
+        return float(np.sum(signals.error(changed, delay, values.get("added", 0.0))[rows] ** 2))
+
+    if not kept or energy(kept) > (1.0 - _GAIN) * energy({}):
+        return {}
+    for name in sorted(kept, key=lambda n: tvalues[n])[: len(kept) - 1]:
+        fewer = {n: v for n, v in kept.items() if n != name}
+        if energy(fewer) < 1.02 * energy(kept):
+            kept = fewer
+    return kept
+
+
+def _corrected(
+    controller: Controller, delay: int, mismatch: dict[str, float], limit: float | None
+) -> Controller:
+    changes = {n: mismatch.get(n, 0.0) for n in NAMES[:3]}
+    found = controller.with_mismatch(**changes) if any(changes.values()) else controller
+    return replace(found, delay=delay, limit=controller.limit if limit is None else limit)

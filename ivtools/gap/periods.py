@@ -1,0 +1,86 @@
+"""Periods: spatial lines in the gap, found for all periods at once.
+
+Correlating the gap with the answer to cos(2 pi q/p) equals correlating the gap, filtered backwards
+through that answer, with the cosine itself. Summed over position first, one FFT then gives every
+period.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from .fold import Fold
+from .response import Response
+
+Array = NDArray[np.float64]
+
+_BINS = 1 << 14
+_PAD = 4
+_SPEEDS = 40
+KINDS = ("cogging", "torque-ripple", "encoder-eccentricity")
+
+
+def search(fold: Fold, response: Response, e: Array, tau: Array, count: int = 3) -> dict[str, list[float]]:
+    """Return the most likely spatial periods for each periodic effect, m or rad.
+
+    Parameters
+    ----------
+    fold : Fold
+        With its whitener.
+    response : Response
+    e : ndarray, (n_kept,)
+        Whitened error, free of what the base model explains.
+    tau : ndarray, (n_samples,)
+        Simulated force, N or N m.
+    count : int
+        Periods per effect.
+    """
+    assert fold.record.q_ref is not None
+    q, dt = fold.record.q_ref[:, 0], fold.record.dt
+    v = np.gradient(q, dt)
+    full = np.zeros(len(q))
+    full[fold.keep] = e
+    back = response.adjoint(signal.lfilter(fold.whitener, [1.0], full[::-1])[::-1])
+    weights = dict(zip(KINDS, (np.ones(len(q)), tau, v**2), strict=True))
+    return {kind: _peaks(q, v, back, w, fold, response, count) for kind, w in weights.items()}
+
+
+def _peaks(q: Array, v: Array, back: Array, weight: Array, fold: Fold, response: Response,
+           count: int) -> list[float]:
+    """Return the periods with the largest explained energy."""
+    stroke = float(np.ptp(q))
+    density, _ = np.histogram(q, bins=_BINS, range=(q.min(), q.max()), weights=back * weight)
+    lines = np.abs(np.fft.rfft(density, _PAD * _BINS)) ** 2
+    k = np.arange(len(lines)) / (_PAD * stroke)  # 1/m
+    top = 0.35 / fold.record.dt / max(np.quantile(np.abs(v), 0.9), 1e-300)
+    use = (k > 2.0 / stroke) & (k < min(top, 0.25 * _BINS / stroke))
+    if not use.any():
+        return []
+    k, lines = k[use], lines[use]
+    explained = lines / _energy(k, v, weight, fold, response)
+    return [1.0 / k[i] for i in _maxima(explained, count, _PAD)]
+
+
+def _energy(k: Array, v: Array, weight: Array, fold: Fold, response: Response) -> Array:
+    """Return the whitened energy of the answer to a unit line at each wave number."""
+    size = 1 << 14
+    gain = np.abs(np.fft.rfft(response.impulse, size) * np.fft.rfft(fold.whitener, size)) ** 2
+    energy, edges = np.histogram(np.abs(v), bins=_SPEEDS, weights=weight**2 * fold.keep)
+    speeds = 0.5 * (edges[1:] + edges[:-1])
+    hz = np.fft.rfftfreq(size, fold.record.dt)
+    total = np.zeros(len(k))
+    for speed, share in zip(speeds, energy, strict=True):
+        total += 0.5 * share * np.interp(speed * k, hz, gain, right=gain[-1])
+    return total + 1e-3 * np.max(total)
+
+
+def _maxima(x: Array, count: int, width: int) -> list[int]:
+    found: list[int] = []
+    for i in np.argsort(-x):
+        if all(abs(int(i) - j) > 2 * width for j in found):
+            found.append(int(i))
+        if len(found) == count:
+            break
+    return found

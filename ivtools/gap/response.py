@@ -1,0 +1,131 @@
+"""Response: how a small force on the axis shows in the command.
+
+Around its motion the loop is linear but for standstill, so the change of the command that any
+small force law makes is its force along the trajectory, filtered by one impulse response. One
+pair of simulations then serves every effect in the screening, and any smooth force at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from ..loop import ClosedLoop
+from ..record import Record
+
+Array = NDArray[np.float64]
+
+_LENGTH = 0.6  # s of impulse response
+_KNOTS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Linear response of the command, in N or N m, to a force that opposes the motion.
+
+    Parameters
+    ----------
+    impulse : ndarray, (n_impulse,)
+        Response to a unit force over one sample.
+    n : int
+        Samples of the record.
+    """
+
+    impulse: Array
+    n: int
+
+    @cached_property
+    def _spectrum(self) -> tuple[int, NDArray[np.complex128]]:
+        size = fft.next_fast_len(self.n + len(self.impulse), real=True)
+        return size, fft.rfft(self.impulse, size)
+
+    def __call__(self, force: Array) -> Array:
+        """Return the command, N or N m, that answers forces in the columns, (n_samples, ...)."""
+        size, spectrum = self._spectrum
+        shape = (-1,) + (1,) * (force.ndim - 1)
+        product = fft.rfft(force, size, axis=0) * spectrum.reshape(shape)
+        return fft.irfft(product, size, axis=0)[: self.n]
+
+    def adjoint(self, signal: Array) -> Array:
+        """Return the correlation of a signal with the response to a force at every sample."""
+        size, spectrum = self._spectrum
+        return fft.irfft(fft.rfft(signal, size) * spectrum.conj(), size)[: self.n]
+
+
+def measure(loop: ClosedLoop, record: Record, values: Mapping[str, float]) -> Response:
+    """Measure the impulse response on the loop without dry friction and limits."""
+    linear = replace(
+        loop.with_terms("inertia", "viscous"),
+        controller=replace(loop.controller, limit=np.inf),
+    )
+    viscous = values.get("viscous", 0.5 * (values.get("viscous_pos", 0.0) + values.get("viscous_neg", 0.0)))
+    theta = {"inertia": values["inertia"], "viscous": viscous}
+    force, at = np.zeros(record.n_samples), 20
+    size = float(np.sqrt(np.mean(loop.force(record) ** 2)))
+    force[at] = -size
+    answers = [linear.simulate(record, theta, force_noise=f).nu[:, 0] for f in (force, 0.0 * force)]
+    length = min(round(_LENGTH / record.dt), record.n_samples - at)
+    impulse = loop.gain * (answers[0] - answers[1])[at : at + length] / size
+    return Response(impulse, record.n_samples)
+
+
+def features(record: Record, tau: Array, extra_periods: tuple[float, ...] = ()) -> Array:
+    """Return smooth force laws of speed, position, load, reversal and time, (n_samples, m).
+
+    What they can absorb is a gap that some law of the state would explain, known or not; what they
+    leave is noise, or an event.
+
+    Parameters
+    ----------
+    record : Record
+        Gives the reference.
+    tau : ndarray, (n_samples,)
+        Noise-free force of the simulation, N or N m.
+    extra_periods : tuple of float
+        Spatial periods, m or rad, that enter as cosine and sine.
+    """
+    assert record.q_ref is not None
+    q, dt = record.q_ref[:, 0], record.dt
+    dq = np.gradient(q, dt)
+    s, x = np.sign(dq), 2.0 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1.0
+    columns = [*_speed(dq, s), *_position(x, s), *_load(tau, s), *_reversal(dq, s, dt), *_slow(dq, s)]
+    for p in extra_periods:
+        columns += [np.cos(2 * np.pi * q / p), np.sin(2 * np.pi * q / p)]
+    matrix = np.column_stack(columns)
+    return matrix / np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+
+
+def _speed(dq: Array, s: Array) -> list[Array]:
+    size = np.abs(dq)
+    moving = size[size > 1e-3 * size.max()]
+    knots = np.unique(np.quantile(moving, np.linspace(0.0, 1.0, _KNOTS)))
+    hats = [np.interp(size, knots, row) for row in np.eye(len(knots))]
+    return [h * s for h in hats] + [h * np.abs(s) for h in hats]
+
+
+def _position(x: Array, s: Array) -> list[Array]:
+    waves = [x, x**2, *(f(k * np.pi * x) for k in (1, 2) for f in (np.cos, np.sin))]
+    return waves + [w * s for w in waves]
+
+
+def _load(tau: Array, s: Array) -> list[Array]:
+    rate = np.gradient(tau)
+    return [np.abs(tau), np.abs(tau) * s, rate, np.gradient(rate), np.abs(rate), np.sign(tau)]
+
+
+def _reversal(dq: Array, s: Array, dt: float) -> list[Array]:
+    start = np.flatnonzero(np.diff(s, prepend=s[0]) != 0)
+    last = np.zeros(len(s))
+    last[start] = start
+    since = dt * (np.arange(len(s)) - np.maximum.accumulate(last))
+    return [np.exp(-since / tau) * s for tau in (0.005, 0.02, 0.1)]
+
+
+def _slow(dq: Array, s: Array) -> list[Array]:
+    t = np.linspace(-1.0, 1.0, len(s))
+    return [t, t**2, t * s, t * dq]
