@@ -50,9 +50,7 @@ def from_tables(tables: Mapping[str, Any]) -> ClosedLoop:
     axis, drive = tables.get("axis", {}), tables["drive"]
     model = tables.get("model", {})
     terms = model.get("terms", ["inertia", "viscous", "coulomb", "offset"])
-    if not (
-        isinstance(terms, list) and terms and all(isinstance(t, str) for t in terms)
-    ):
+    if not (isinstance(terms, list) and terms and all(isinstance(t, str) for t in terms)):
         raise AxisError(f"[model] terms = {terms!r}; give a list of term names")
     start = _mapping("model.start", model.get("start", {}))
     return ClosedLoop(
@@ -76,9 +74,7 @@ def _check(tables: Mapping[str, Any]) -> None:
     """Refuse what is unknown, and name what is missing."""
     for table, content in tables.items():
         if table not in _TABLES:
-            raise AxisError(
-                f"[{table}] is not known; known tables: {', '.join(_TABLES)}"
-            )
+            raise AxisError(f"[{table}] is not known; known tables: {', '.join(_TABLES)}")
         known = {*_TABLES[table], *(_SETTINGS if table == "controller" else ())}
         for key in _mapping(table, content):
             if key not in known:
@@ -95,22 +91,16 @@ def _controller(table: Mapping[str, Any]) -> Controller:
     settings = {k: v for k, v in table.items() if k in _SETTINGS}
     taps = table.get("velocity_filter", [1.0])
     if not isinstance(taps, list):
-        raise AxisError(
-            f"[controller] velocity_filter = {taps!r}; give a list of FIR weights"
-        )
+        raise AxisError(f"[controller] velocity_filter = {taps!r}; give a list of FIR weights")
     if not isinstance(table["kind"], str):
-        raise AxisError(
-            f"[controller] kind = {table['kind']!r}; give one of {', '.join(KINDS)}"
-        )
+        raise AxisError(f"[controller] kind = {table['kind']!r}; give one of {', '.join(KINDS)}")
     return Controller(
         kind=table["kind"],
         settings={
             k: v if isinstance(v, list) else _number("controller", k, v)
             for k, v in settings.items()
         },
-        velocity_filter=tuple(
-            _number("controller", "velocity_filter", v) for v in taps
-        ),
+        velocity_filter=tuple(_number("controller", "velocity_filter", v) for v in taps),
         delay=table.get("delay", 0),
         limit=_number("controller", "limit", table.get("limit", float("inf"))),
     )

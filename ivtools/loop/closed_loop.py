@@ -77,23 +77,17 @@ class ClosedLoop:
         names = [term.name for term in self.terms]
         for name in names:
             if names.count(name) > 1:
-                raise AxisError(
-                    f"term {name!r} is given twice; a model holds each term once"
-                )
+                raise AxisError(f"term {name!r} is given twice; a model holds each term once")
         if self.joint not in ("prismatic", "revolute"):
             raise AxisError(f"joint is {self.joint!r}; it is 'prismatic' or 'revolute'")
         if not (isfinite(self.gain) and self.gain != 0.0):
             raise AxisError(f"drive gain is {self.gain}; it must be finite and not 0")
         if not (isfinite(self.delay) and self.delay >= 0.0):
-            raise AxisError(
-                f"drive delay is {self.delay} s; it must be finite and not negative"
-            )
+            raise AxisError(f"drive delay is {self.delay} s; it must be finite and not negative")
         for key in self.start:
             if key not in self.parameters:
                 known = ", ".join(self.parameters)
-                raise AxisError(
-                    f"start value {key!r} is not a parameter; parameters: {known}"
-                )
+                raise AxisError(f"start value {key!r} is not a parameter; parameters: {known}")
 
     @classmethod
     def from_file(cls, path: str | Path) -> ClosedLoop:
@@ -113,9 +107,7 @@ class ClosedLoop:
     @property
     def parameters(self) -> dict[str, Parameter]:
         """Every parameter by its full name."""
-        return {
-            n: p for t in self.terms for n, p in zip(t.names, t.parameters, strict=True)
-        }
+        return {n: p for t in self.terms for n, p in zip(t.names, t.parameters, strict=True)}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -164,16 +156,12 @@ class ClosedLoop:
         for key, value in given.items():
             if key not in self.parameters:
                 known = ", ".join(self.parameters)
-                raise AxisError(
-                    f"parameter {key!r} is not in the model, whose are: {known}"
-                )
+                raise AxisError(f"parameter {key!r} is not in the model, whose are: {known}")
             if not isfinite(value):
                 raise AxisError(f"parameter {key} is {value}; it must be finite")
         return {n: self._value(n, p, given) for n, p in self.parameters.items()}
 
-    def _value(
-        self, name: str, parameter: Parameter, given: Mapping[str, float]
-    ) -> float:
+    def _value(self, name: str, parameter: Parameter, given: Mapping[str, float]) -> float:
         if name in given:
             return given[name]
         if name in self.start:
@@ -213,9 +201,7 @@ class ClosedLoop:
         names = dict(zip((p.name for p in term.parameters), term.names, strict=True))
         for key in values:
             if key not in names:
-                raise AxisError(
-                    f"{term.name} has no parameter {key!r}; it has {', '.join(names)}"
-                )
+                raise AxisError(f"{term.name} has no parameter {key!r}; it has {', '.join(names)}")
         start = {**self.start, **{names[k]: float(v) for k, v in values.items()}}
         return replace(self, terms=(*self.terms, term), start=start)
 
@@ -226,18 +212,14 @@ class ClosedLoop:
         if record.tau is not None:
             return record.tau
         if record.nu is None:
-            raise RecordError(
-                "the record has neither nu nor tau; one of them is needed"
-            )
+            raise RecordError("the record has neither nu nor tau; one of them is needed")
         return self.gain * record.nu
 
     def command(self, record: Record) -> Array:
         """Return the recorded command, (n_samples, n_joints): nu, or tau over the gain."""
         return record.nu if record.nu is not None else self.force(record) / self.gain
 
-    def regressor(
-        self, motion: Motion, tau: ArrayLike = 0.0, t: ArrayLike = 0.0
-    ) -> Array:
+    def regressor(self, motion: Motion, tau: ArrayLike = 0.0, t: ArrayLike = 0.0) -> Array:
         """Return the observation matrix along a trajectory, (n_samples, n_parameters).
 
         Parameters
@@ -382,9 +364,7 @@ class ClosedLoop:
                 "the closed loop has no mode of its own; check the controller's gains, or give a "
                 "Pipeline"
             )
-        return Pipeline.from_bandwidth(
-            float(f"{natural:.0e}"), record.sampling_hz, **settings
-        )
+        return Pipeline.from_bandwidth(float(f"{natural:.0e}"), record.sampling_hz, **settings)
 
 
 def rough_inertia(loop: ClosedLoop, record: Record) -> float:

@@ -100,17 +100,13 @@ def _p_velocity(s: Mapping[str, Any], dt: float) -> LinearLaw:
 def _state_space(s: Mapping[str, Any], dt: float) -> LinearLaw:
     A, B, C, D = (np.atleast_2d(np.asarray(s[key], dtype=float)) for key in "ABCD")
     n = A.shape[0] if A.size else 0
-    if (A.size and A.shape != (n, n)) or (
-        n and (B.shape != (n, 2) or C.shape != (1, n))
-    ):
+    if (A.size and A.shape != (n, n)) or (n and (B.shape != (n, 2) or C.shape != (1, n))):
         raise AxisError(
             f"controller matrices A {A.shape}, B {B.shape}, C {C.shape} do not fit; a state-space "
             "controller needs A (n, n), B (n, 2) for (q_ref, q), C (1, n), D (1, 2)"
         )
     if D.shape != (1, 2):
-        raise AxisError(
-            f"controller matrix D is {D.shape}; inputs (q_ref, q) need (1, 2)"
-        )
+        raise AxisError(f"controller matrix D is {D.shape}; inputs (q_ref, q) need (1, 2)")
     if n == 0:
         return LinearLaw(np.array([D[0, 0], 0.0]), D[0, 1:].copy())
     return LinearLaw(np.zeros(2), np.zeros(1), A, B, C[0], D[0])
@@ -176,9 +172,7 @@ class Controller:
             return
         if self.kind not in KINDS:
             known = ", ".join([*KINDS, "identify"])
-            raise AxisError(
-                f"controller kind {self.kind!r} is not known; known kinds: {known}"
-            )
+            raise AxisError(f"controller kind {self.kind!r} is not known; known kinds: {known}")
         needs = KINDS[self.kind].needs
         for key in needs:
             if key not in self.settings:
@@ -188,23 +182,15 @@ class Controller:
         for key, value in self.settings.items():
             if key not in needs:
                 known = ", ".join(sorted({*needs, *_COMMON}))
-                raise AxisError(
-                    f"controller {self.kind} does not know {key!r}; it knows: {known}"
-                )
+                raise AxisError(f"controller {self.kind} does not know {key!r}; it knows: {known}")
             _finite(key, value)
         if not self.velocity_filter:
-            raise AxisError(
-                "velocity_filter is empty; [1.0] is the filter that changes nothing"
-            )
+            raise AxisError("velocity_filter is empty; [1.0] is the filter that changes nothing")
         _finite("velocity_filter", self.velocity_filter)
         if not (isinstance(self.delay, int) and 0 <= self.delay <= 1000):
-            raise AxisError(
-                f"delay is {self.delay!r}; it counts whole samples, 0 to 1000"
-            )
+            raise AxisError(f"delay is {self.delay!r}; it counts whole samples, 0 to 1000")
         if not self.limit > 0:
-            raise AxisError(
-                f"limit is {self.limit!r}; the command is clipped to +- limit > 0"
-            )
+            raise AxisError(f"limit is {self.limit!r}; the command is clipped to +- limit > 0")
 
     def law(self, dt: float) -> LinearLaw:
         """Return the linear law at the sampling step dt (s).
@@ -241,9 +227,7 @@ class Controller:
         """
         s = dict(self.settings)
         if self.kind == "state-space":
-            s["C"], s["D"] = (
-                (1 + kp) * np.asarray(s[key], dtype=float) for key in "CD"
-            )
+            s["C"], s["D"] = ((1 + kp) * np.asarray(s[key], dtype=float) for key in "CD")
         else:
             changes = {"kp": kp, "kv": kv, "kd": kv}
             s = {key: value * (1.0 + changes[key]) for key, value in s.items()}
@@ -262,10 +246,7 @@ class Controller:
         """
         outer = {"cascade-pd": ("kv",), "pd": ("kp", "kd"), "p-velocity": ("kv",)}
         keys = outer.get(self.kind, ("C", "D"))
-        s = {
-            k: np.asarray(v) * ratio if k in keys else v
-            for k, v in self.settings.items()
-        }
+        s = {k: np.asarray(v) * ratio if k in keys else v for k, v in self.settings.items()}
         return replace(self, settings=s)
 
 

@@ -13,7 +13,7 @@ from ..errors import AxisError, RecordError, ShapeError
 from ..physics import TERMS, Term
 from ..record import Record
 from . import kernel, mechanics
-from .controllers import Controller
+from .controllers import Controller, LinearLaw
 from .simulation import Simulation
 
 if TYPE_CHECKING:
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_START_SAMPLES = (
-    20  # the initial velocity is the slope of a parabola through so many samples
-)
+_START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
 
 
 class Plant(NamedTuple):
@@ -64,18 +62,16 @@ def plant(
                 p[name] = values[name]
     own = [values[name] for term in mine for name in term.names]
     if len(own) > len(mechanics.OWN):
-        raise AxisError(
-            f"own terms have {len(own)} parameters; at most {len(mechanics.OWN)} fit"
-        )
+        raise AxisError(f"own terms have {len(own)} parameters; at most {len(mechanics.OWN)} fit")
     for name, value in zip(mechanics.OWN, own, strict=False):
         p[name] = value
     on["own"] = bool(mine)
     on["laws"] = sum(mechanics.BITS.get(t.name, 0) for t in loop.terms if t not in mine)
+    on["presliding"] &= bool(np.isfinite(p["presliding.stiffness"]))
     on["sign"] = not stiction
     on["structure"] = not stiction or any(on[name] for name in mechanics.STRUCTURAL)
-    on["effects"] = (
-        general or loop.delay > 0.0 or on["laws"] or on["own"] or on["structure"]
-    )
+    on["held"] = not (general or loop.delay > 0.0 or on["structure"] or on["drive-timing"])
+    on["effects"] = not on["held"] or on["laws"] or on["own"]
     return Plant(p, on, _compile(mine) if mine else mechanics.no_law)
 
 
@@ -83,9 +79,7 @@ def plant(
 def _compile(terms: tuple[Term, ...]) -> Callable[..., float]:
     for term in terms:
         if term.law is None:
-            raise AxisError(
-                f"{term.name} has no law; a term of your own needs one to be simulated"
-            )
+            raise AxisError(f"{term.name} has no law; a term of your own needs one to be simulated")
     return mechanics.user_law(terms)
 
 
@@ -104,22 +98,14 @@ def simulate(
 ) -> Simulation:
     """Run the kernel; see `ClosedLoop.simulate`."""
     if record.n_joints != 1:
-        raise ShapeError(
-            f"the record has {record.n_joints} joints; a loop simulates one"
-        )
+        raise ShapeError(f"the record has {record.n_joints} joints; a loop simulates one")
     if record.q_ref is None:
-        raise RecordError(
-            "q_ref is missing; the closed loop is driven by the position reference"
-        )
+        raise RecordError("q_ref is missing; the closed loop is driven by the position reference")
     n, dt = record.n_samples, record.dt
     controller = effective_controller(loop, values)
     law = controller.law(dt)
     q_ref, added = record.q_ref[:, 0], _column(record.added, n)
-    dq_ref = (
-        _column(record.dq_ref, n)
-        if record.dq_ref is not None
-        else np.gradient(q_ref, dt)
-    )
+    dq_ref = _column(record.dq_ref, n) if record.dq_ref is not None else np.gradient(q_ref, dt)
     q0, v0, first = _initial(loop, record, initial, controller.delay, added)
     limit = min(controller.limit, values.get("saturation.limit", np.inf))
     out = np.empty((4, n))
@@ -139,6 +125,7 @@ def simulate(
         law.B,
         law.C,
         law.D,
+        _inner_state(law, initial, q_ref[0], q0, first[0]),
         controller.delay,
         limit,
         q0,
@@ -157,11 +144,7 @@ def effective_controller(loop: ClosedLoop, values: Mapping[str, float]) -> Contr
         key: values.get(f"controller-mismatch.{key}", 0.0)
         for key in ("kp", "kv", "velocity_filter")
     }
-    return (
-        loop.controller.with_mismatch(**changes)
-        if any(changes.values())
-        else loop.controller
-    )
+    return loop.controller.with_mismatch(**changes) if any(changes.values()) else loop.controller
 
 
 def _initial(
@@ -178,10 +161,19 @@ def _initial(
     try:
         q0, v0 = (float(x) for x in initial)
     except (TypeError, ValueError):
-        raise AxisError(
-            f"initial is {initial!r}; it is 'record', 'rest' or (q, dq)"
-        ) from None
+        raise AxisError(f"initial is {initial!r}; it is 'record', 'rest' or (q, dq)") from None
     return q0, v0, np.zeros(delay + 1)
+
+
+def _inner_state(law: LinearLaw, initial: Any, q_ref: float, q: float, command: float) -> Array:
+    """Return the controller's own state: steady, and giving the command that the record has."""
+    if not len(law.C) or isinstance(initial, tuple):
+        return np.zeros(len(law.C))
+    u, identity = np.array([q_ref, q]), np.eye(len(law.C))
+    if initial == "rest":
+        return np.linalg.lstsq(identity - law.A, law.B @ u, rcond=None)[0]
+    system = np.vstack([identity - law.A, law.C])
+    return np.linalg.lstsq(system, np.append(law.B @ u, command - law.D @ u), rcond=None)[0]
 
 
 def _state(q: Array, dt: float) -> tuple[float, float]:
@@ -199,7 +191,5 @@ def _noise(name: str, noise: ArrayLike | None, n: int) -> Array:
         return np.zeros(0)
     array = np.ravel(np.asarray(noise, dtype=float))
     if len(array) != n:
-        raise ShapeError(
-            f"{name} has {len(array)} samples and the record {n}; both must match"
-        )
+        raise ShapeError(f"{name} has {len(array)} samples and the record {n}; both must match")
     return array

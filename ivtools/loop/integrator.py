@@ -1,10 +1,8 @@
 """Integrator: from one sample to the next.
 
-Between two samples the plant is integrated in closed form where it is one rigid mass with friction
-linear in the velocity, else by the classical Runge-Kutta method. A reversal is located inside the
-step, where the exact rule of dry friction decides whether the axis stays or leaves: it leaves only
-in a direction in which the force exceeds the friction there. No smoothing constant, no chatter,
-and the answer converges with the step at the method's order.
+A reversal is located inside the step, where the exact rule of dry friction decides whether the axis
+stays or leaves: it leaves only in a direction in which the force exceeds the friction there. No
+smoothing constant, no chatter, and the answer converges with the step at the method's order.
 """
 
 # Compiled functions carry no annotations: Numba infers them, and mypy cannot see through it.
@@ -15,97 +13,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .mechanics import masses_of, nets, plain_resistance, rates, resistance
+from .mechanics import masses_of, nets, resistance
+from .steps import closed_form, force_at, glide, glided, one_mass, one_mass_step, runge_kutta
 
 _MAX_EVENTS, _MAX_SUBSTEPS = 8, 64
-
-
-@njit(error_model="numpy", forceinline=True)
-def _shift(x, h, k):
-    return (
-        x[0] + h * k[0],
-        x[1] + h * k[1],
-        x[2] + h * k[2],
-        x[3] + h * k[3],
-        x[4] + h * k[4],
-    )
-
-
-@njit(error_model="numpy", forceinline=True)
-def _force(drive, t):
-    """Return the drive force at time t of the segment: held, ramped, or lagging."""
-    target, jump, lag, slope = drive
-    if lag > 0.0:
-        return target + jump * np.exp(-t / lag)
-    return target + slope * t
-
-
-@njit(error_model="numpy")
-def _runge_kutta(x, s1, s2, h, drive, at, t, p, on, user, masses):
-    start, middle, end = (
-        _force(drive, at),
-        _force(drive, at + 0.5 * h),
-        _force(drive, at + h),
-    )
-    k1 = rates(x, s1, s2, start, t, p, on, user, masses)
-    k2 = rates(_shift(x, 0.5 * h, k1), s1, s2, middle, t + 0.5 * h, p, on, user, masses)
-    k3 = rates(_shift(x, 0.5 * h, k2), s1, s2, middle, t + 0.5 * h, p, on, user, masses)
-    k4 = rates(_shift(x, h, k3), s1, s2, end, t + h, p, on, user, masses)
-    x = _shift(_shift(x, h / 6.0, k1), h / 3.0, k2)
-    return _shift(_shift(x, h / 3.0, k3), h / 6.0, k4), k1[1]
-
-
-@njit(error_model="numpy")
-def _one_mass(x, s1, s2, h, drive, at, t, p, on, user, masses):
-    """Do the same for one rigid mass."""
-    q, v, w = x[0], x[1], 1.0 / p["inertia"] if s1 != 0.0 else 0.0
-    half, middle, end = 0.5 * h, _force(drive, at + 0.5 * h), _force(drive, at + h)
-    start = _force(drive, at)
-    a1 = w * (start - resistance(q, v, s1, start, t, p, on, user))
-    v2 = v + half * a1
-    a2 = w * (middle - resistance(q + half * v, v2, s1, middle, t + half, p, on, user))
-    v3 = v + half * a2
-    a3 = w * (middle - resistance(q + half * v2, v3, s1, middle, t + half, p, on, user))
-    v4 = v + h * a3
-    a4 = w * (end - resistance(q + h * v3, v4, s1, end, t + h, p, on, user))
-    q += h / 6.0 * (v + 2.0 * (v2 + v3) + v4)
-    return (q, v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4), 0.0, 0.0, 0.0), a1
-
-
-@njit(error_model="numpy", forceinline=True)
-def _glide(s, h, p):
-    """Return how one rigid mass moves in direction s over h, friction linear in the velocity.
-
-    The acceleration at the start is a = (tau - level) / M - rate v; with z = h rate the velocity
-    gains a h phi1(z), the position h v + a h^2 phi2(z), where phi1(z) = (1 - exp(-z))/z and
-    phi2(z) = (1 - phi1(z))/z. Exact under a held force. Returns level, rate and both factors of a.
-    """
-    level = plain_resistance(0.0, 0.0, s, 0.0, 0.0, p)
-    rate = (plain_resistance(0.0, 1.0, s, 0.0, 0.0, p) - level) / p["inertia"]
-    z = h * rate
-    if abs(z) < 0.02:  # six terms of the series are exact to rounding
-        phi2 = 0.5 - z / 6 * (
-            1.0 - z / 4 * (1.0 - z / 5 * (1.0 - z / 6 * (1.0 - z / 7)))
-        )
-    else:
-        phi2 = (1.0 + np.expm1(-z) / z) / z
-    return level, rate, h * (1.0 - z * phi2), h * h * phi2
-
-
-@njit(error_model="numpy", forceinline=True)
-def _glided(q, v, h, tau, inertia, glide):
-    level, rate, to_speed, to_place = glide
-    a = (tau - level) / inertia - rate * v
-    return q + (h * v + to_place * a), v + to_speed * a, a
-
-
-@njit(error_model="numpy")
-def _closed_form(x, s1, s2, h, drive, at, t, p, on, user, masses):
-    """Move one rigid mass under a held force."""
-    if s1 == 0.0:
-        return x, 0.0
-    q, v, a = _glided(x[0], x[1], h, drive[0], p["inertia"], _glide(s1, h, p))
-    return (q, v, 0.0, 0.0, 0.0), a
 
 
 @njit(error_model="numpy")
@@ -152,9 +63,7 @@ def _build(step, directions):
         load = x[3] / (x[3] - y[3]) if y[3] * s2 < 0.0 else 2.0
         first = 1 if motor <= load else 3
         a, va, b, vb, c = 0.0, x[first], h, y[first], 0.0
-        for _ in range(
-            4
-        ):  # the velocity is nearly straight over a step: secants are enough
+        for _ in range(4):  # the velocity is nearly straight over a step: secants are enough
             c = a + (b - a) * va / (va - vb)
             y, _ = step(x, s1, s2, c, drive, at, t, p, on, user, masses)
             if y[first] * va > 0.0:
@@ -171,16 +80,18 @@ def _build(step, directions):
         for _ in range(_MAX_EVENTS):
             x, used = reversal(x, y, s1, s2, h, drive, at, t, p, on, user, masses)
             h, at, t = h - used, at + used, t + used
-            s1, s2 = directions(x, _force(drive, at), t, p, on, user, masses)
+            s1, s2 = directions(x, force_at(drive, at), t, p, on, user, masses)
             y, _ = step(x, s1, s2, h, drive, at, t, p, on, user, masses)
             if y[1] * s1 >= 0.0 and y[3] * s2 >= 0.0:
                 return y
-        return x
+        # so many events are chatter about standstill: what rests now rests to the end of the step
+        y, _ = step(x, np.sign(x[1]), np.sign(x[3]), h, drive, at, t, p, on, user, masses)
+        return y
 
     @njit(error_model="numpy")
     def advance(x, h, drive, at, t, p, on, user, masses):
         """Integrate over h; also return the motor's acceleration at the start."""
-        s1, s2 = directions(x, _force(drive, at), t, p, on, user, masses)
+        s1, s2 = directions(x, force_at(drive, at), t, p, on, user, masses)
         y, a = step(x, s1, s2, h, drive, at, t, p, on, user, masses)
         if y[1] * s1 >= 0.0 and y[3] * s2 >= 0.0:
             return y, a
@@ -189,22 +100,22 @@ def _build(step, directions):
     return advance
 
 
-_rigid = _build(_closed_form, _rigid_directions)
-_general = _build(_one_mass, _rigid_directions)
-_structure = _build(_runge_kutta, _directions)
+_rigid = _build(closed_form, _rigid_directions)
+_general = _build(one_mass, _rigid_directions)
+_structure = _build(runge_kutta, _directions)
 
 
 @njit(error_model="numpy", forceinline=True)
 def glides(dt, p):
     """Return what `rigid_step` needs to know of motions ahead and back over a whole sample."""
-    return _glide(1.0, dt, p), _glide(-1.0, dt, p)
+    return glide(1.0, dt, p), glide(-1.0, dt, p)
 
 
 @njit(error_model="numpy", forceinline=True)
 def rigid_step(q, v, tau, dt, ahead_and_back, p, on, user):
     """Advance one rigid mass over one sample under a held force; also return the acceleration."""
     ahead, back = ahead_and_back
-    place, speed, a = _glided(q, v, dt, tau, p["inertia"], ahead if v > 0.0 else back)
+    place, speed, a = glided(q, v, dt, tau, p["inertia"], ahead if v > 0.0 else back)
     if v * speed > 0.0:  # no reversal on the way
         return place, speed, a
     held = (tau, 0.0, 0.0, 0.0)
@@ -246,7 +157,7 @@ def _segment(x, force, command, span, slope, disturbance, t, n, p, on, user):
         else:
             x, a = _general(x, h, drive, i * h, t + i * h, p, on, user, masses)
         acceleration = a if i == 0 else acceleration
-    return x, _force(drive, span) - disturbance, acceleration
+    return x, force_at(drive, span) - disturbance, acceleration
 
 
 @njit(error_model="numpy")
@@ -284,23 +195,15 @@ def plant_step(x, force, old, new, part, slope, disturbance, t, dt, n, p, on, us
         tau = p["gain"] * new + disturbance
         q, v, acceleration = rigid_step(x[0], x[1], tau, dt, glides(dt, p), p, on, user)
         return (q, v, 0.0, 0.0, 0.0), force, acceleration
+    if on["held"] and n == 1 and x[1] != 0.0:
+        tau, s = p["gain"] * new + disturbance, np.sign(x[1])
+        q, v, acceleration = one_mass_step(x[0], x[1], s, dt, tau, tau, tau, t, p, on, user)
+        if v * s > 0.0:  # no reversal on the way
+            return (q, v, 0.0, 0.0, 0.0), force, acceleration
     if part == 0.0:  # a command that switches inside the sample makes two segments
         return _segment(x, force, new, dt, slope, disturbance, t, n, p, on, user)
     first, rest = part * dt, dt - part * dt
-    x, force, acceleration = _segment(
-        x, force, old, first, slope, disturbance, t, n, p, on, user
-    )
-    x, force, _ = _segment(
-        x,
-        force,
-        new + slope * first,
-        rest,
-        slope,
-        disturbance,
-        t + first,
-        n,
-        p,
-        on,
-        user,
-    )
+    x, force, acceleration = _segment(x, force, old, first, slope, disturbance, t, n, p, on, user)
+    late, t = new + slope * first, t + first
+    x, force, _ = _segment(x, force, late, rest, slope, disturbance, t, n, p, on, user)
     return x, force, acceleration

@@ -25,23 +25,18 @@ def _cached(signature):
     """Compile once per version of the physics, in the user's cache.
 
     Numba notices a change in the compiled function's own file only; the laws live elsewhere, so
-    the folder's name carries the digest of all of them.
+    the folder's name carries the digest of every compiled one.
     """
 
     def decorate(function):
         here = Path(__file__).parent
-        sources = sorted([*here.glob("*.py"), *(here.parent / "physics").glob("*.py")])
-        digest = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()[
-            :12
-        ]
+        compiled = [here / f"{name}.py" for name in ("kernel", "integrator", "steps", "mechanics")]
+        sources = [*compiled, *sorted((here.parent / "physics").glob("*.py"))]
+        digest = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()[:12]
         default = config.CACHE_DIR
         try:
-            config.CACHE_DIR = default or platformdirs.user_cache_dir(
-                f"ivtools/kernel-{digest}"
-            )
-            return njit(signature, cache=True, nogil=True, error_model="numpy")(
-                function
-            )
+            config.CACHE_DIR = default or platformdirs.user_cache_dir(f"ivtools/kernel-{digest}")
+            return njit(signature, cache=True, nogil=True, error_model="numpy")(function)
         finally:
             config.CACHE_DIR = default
 
@@ -60,6 +55,31 @@ def measure(q, noise, quantum, p, on):
         )
     q += noise
     return np.floor(q / quantum + 0.5) * quantum if quantum > 0.0 else q
+
+
+@njit(error_model="numpy")
+def _fill_before(seen, law, sent, past, delay, whole, first, q, v, dt, p, on):
+    """Fill in what the controller had seen and sent before the record."""
+    for i in range(past):
+        seen[i] = measure(q - (past - i) * dt * v, 0.0, 0.0, p, on)
+    for i in range(delay):
+        law[i] = first[i]
+    for i in range(whole + 1):
+        sent[i] = first[delay]
+
+
+@njit(error_model="numpy")
+def _dynamic(inner, following, a_matrix, b_matrix, c_row, d_row, q_ref, q):
+    """Return the output of the state-space part, and move its state on."""
+    value = d_row[0] * q_ref + d_row[1] * q
+    for i in range(inner.size):
+        value += c_row[i] * inner[i]
+        following[i] = b_matrix[i, 0] * q_ref + b_matrix[i, 1] * q
+        for j in range(inner.size):
+            following[i] += a_matrix[i, j] * inner[j]
+    for i in range(inner.size):
+        inner[i] = following[i]
+    return value
 
 
 _VECTOR = types.Array(float64, 1, "C", readonly=True)
@@ -83,6 +103,7 @@ _MATRIX = types.Array(float64, 2, "C", readonly=True)
         _MATRIX,
         _VECTOR,
         _VECTOR,
+        float64[::1],
         int64,
         float64,
         float64,
@@ -110,6 +131,7 @@ def run(
     b_matrix,
     c_row,
     d_row,
+    inner,
     delay,
     limit,
     q_start,
@@ -123,25 +145,17 @@ def run(
     """Simulate the closed loop; fill out with the rows q, dq, ddq, nu.
 
     The control law is ``gains @ (q_ref, dq_ref) + taps @ (q, q one sample ago, ...)`` plus a
-    state-space part with inputs (q_ref, q). `first` holds the commands, added inputs excluded,
-    that precede the law's own: `delay` of them, then the one before the record.
+    state-space part with inputs (q_ref, q) and the state `inner`. `first` holds the commands,
+    added inputs excluded, that precede the law's own: `delay` of them, then the one before the
+    record.
     """
     samples, past = q_ref.size, taps.size - 1
-    inner, following = np.zeros(c_row.size), np.zeros(c_row.size)
     whole, part = drive_delay(dt, p, on)
     seen, law = np.empty(past + samples), np.empty(delay + samples)
-    sent = np.empty(whole + 1 + samples)
-    x, force, rigid = (
-        (q_start, v_start, q_start, v_start, 0.0),
-        p["gain"] * first[delay],
-        not on["effects"],
-    )
-    ahead_and_back = glides(dt, p)
-    q, v, a, gain = q_start, v_start, 0.0, p["gain"]
-    for i in range(past):
-        seen[i] = measure(q_start - (past - i) * dt * v_start, 0.0, 0.0, p, on)
-    law[:delay] = first[:delay]
-    sent[: whole + 1] = first[delay]
+    sent, following = np.empty(whole + 1 + samples), np.empty(inner.size)
+    _fill_before(seen, law, sent, past, delay, whole, first, q_start, v_start, dt, p, on)
+    q, v, force, gain = q_start, v_start, p["gain"] * first[delay], p["gain"]
+    x, rigid, ahead_and_back = (q, v, q, v, 0.0), not on["effects"], glides(dt, p)
     for k in range(samples):
         noise = position_noise[k] if position_noise.size else 0.0
         seen[past + k] = out[0, k] = measure(q, noise, quantum, p, on)
@@ -150,38 +164,19 @@ def run(
         for i in range(taps.size):
             value += taps[i] * seen[past + k - i]
         if inner.size:
-            value += d_row[0] * q_ref[k] + d_row[1] * seen[past + k]
-            for i in range(inner.size):
-                value += c_row[i] * inner[i]
-                following[i] = (
-                    b_matrix[i, 0] * q_ref[k] + b_matrix[i, 1] * seen[past + k]
-                )
-                for j in range(inner.size):
-                    following[i] += a_matrix[i, j] * inner[j]
-            inner[:] = following
+            value += _dynamic(
+                inner, following, a_matrix, b_matrix, c_row, d_row, q_ref[k], out[0, k]
+            )
         law[delay + k] = value
         sent[whole + 1 + k] = out[3, k] = min(max(law[k], -limit), limit) + added[k]
-        disturbance = force_noise[k] if force_noise.size else 0.0
+        outside = force_noise[k] if force_noise.size else 0.0
         if rigid:
-            q, v, a = rigid_step(
-                q, v, gain * sent[k + 1] + disturbance, dt, ahead_and_back, p, on, user
-            )
+            tau = gain * sent[k + 1] + outside
+            q, v, a = rigid_step(q, v, tau, dt, ahead_and_back, p, on, user)
         else:
             slope = (added[k + 1] - added[k]) / dt if ramp and k + 1 < samples else 0.0
             x, force, a = plant_step(
-                x,
-                force,
-                sent[k],
-                sent[k + 1],
-                part,
-                slope,
-                disturbance,
-                k * dt,
-                dt,
-                n,
-                p,
-                on,
-                user,
+                x, force, sent[k], sent[k + 1], part, slope, outside, k * dt, dt, n, p, on, user
             )
             q, v = x[0], x[1]
         out[2, k] = a

@@ -18,42 +18,31 @@ from ..physics.transmission import coupling
 
 # Parameters and flags travel as records: fields have names, and a record is a bare pointer, where
 # an array would be reference-counted at every call.
-_SWITCHES = ("own", "effects", "structure", "sign")
-OWN = tuple(
-    f"own.{i}" for i in range(12)
-)  # room for the parameters of a user's own laws
+_SWITCHES = ("own", "effects", "held", "structure", "sign")
+OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user's own laws
 PARAMETERS = np.dtype(
-    [
-        (n, float)
-        for n in (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN)
-    ]
+    [(n, float) for n in (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN)]
 )
 FLAGS = np.dtype([("laws", np.int64), *((name, bool) for name in (*TERMS, *_SWITCHES))])
 
 _ALWAYS = ("viscous", "coulomb", "asymmetric-friction", "offset")
-STRUCTURAL = (
-    "presliding",
-    "flexibility",
-    "backlash",
-    "drive-timing",
-)  # more than one rigid mass
+STRUCTURAL = ("presliding", "flexibility", "backlash")  # more than one rigid mass
 PLAIN = (*_ALWAYS, "inertia")  # terms that need no flag
 
 _OWN = types.UniTuple(float64, len(OWN))
 SCALAR_LAW = float64(float64, float64, float64, float64, float64, _OWN)
 
 
-def _values(names):
-    """Compile the tuple of these fields of the parameter record."""
-    if not names:
-        return njit(lambda p: ())
-    before, last = _values(names[:-1]), names[-1]
-
-    @njit(error_model="numpy")
-    def values(p):
-        return (*before(p), p[last])
-
-    return values
+def _fields(names):
+    """Compile the reading of up to four of the parameter record's fields."""
+    a, b, c, d = (*names, *names[:1] * 4)[:4]
+    readers = (
+        lambda p: (p[a],),
+        lambda p: (p[a], p[b]),
+        lambda p: (p[a], p[b], p[c]),
+        lambda p: (p[a], p[b], p[c], p[d]),
+    )
+    return njit(readers[len(names) - 1])
 
 
 def _sum(names):
@@ -61,11 +50,11 @@ def _sum(names):
     if not names:
         return njit(lambda q, v, s, tau, t, p: 0.0)
     before, term = _sum(names[:-1]), TERMS[names[-1]]
-    law, values = njit(error_model="numpy")(term.law), _values(term.names)
+    law, fields = njit(error_model="numpy")(term.law), _fields(term.names)
 
-    @njit(error_model="numpy")
+    @njit(error_model="numpy", forceinline=True)
     def total(q, v, s, tau, t, p):
-        return before(q, v, s, tau, t, p) + law(q, v, 0.0, s, tau, t, *values(p))
+        return before(q, v, s, tau, t, p) + law(q, v, 0.0, s, tau, t, *fields(p))
 
     return total
 
@@ -75,24 +64,26 @@ def _one_of(names):
     if not names:
         return njit(lambda bit, q, v, s, tau, t, p: 0.0)
     before, term, own_bit = _one_of(names[:-1]), TERMS[names[-1]], BITS[names[-1]]
-    law, values = njit(error_model="numpy")(term.law), _values(term.names)
+    law, fields = njit(error_model="numpy")(term.law), _fields(term.names)
 
-    @njit(error_model="numpy")
+    @njit(error_model="numpy", forceinline=True)
     def chosen(bit, q, v, s, tau, t, p):
         if bit == own_bit:
-            return law(q, v, 0.0, s, tau, t, *values(p))
+            return law(q, v, 0.0, s, tau, t, *fields(p))
         return before(bit, q, v, s, tau, t, p)
 
     return chosen
 
 
-BITS = {
-    n: 1 << i
-    for i, n in enumerate(n for n, t in TERMS.items() if t.law and n not in PLAIN)
-}
-_own = _values(OWN)
+BITS = {n: 1 << i for i, n in enumerate(n for n, t in TERMS.items() if t.law and n not in PLAIN)}
+_first, _second, _third = (_fields(OWN[i : i + 4]) for i in (0, 4, 8))
 plain_resistance = _sum(_ALWAYS)
 _law = _one_of(tuple(BITS))
+
+
+@njit(error_model="numpy")
+def _law_of(bit, q, v, s, tau, t, p):
+    return _law(bit, q, v, s, tau, t, p)
 
 
 @cfunc(SCALAR_LAW)
@@ -122,18 +113,28 @@ def user_law(terms):
     return cfunc(SCALAR_LAW)(lambda q, v, s, tau, t, own: total(q, v, s, tau, t, own))
 
 
+@njit(error_model="numpy", forceinline=True)
+def extra_resistance(q, v, s, tau, t, p, on, user):
+    """Return the force of the effects that oppose a motion in direction s, N."""
+    f, laws = 0.0, on["laws"]
+    while laws:
+        bit = laws & -laws
+        f += _law_of(bit, q, v, s, tau, t, p)
+        laws ^= bit
+    if on["own"]:
+        f += _own_law(q, v, s, tau, t, p, user)
+    return f
+
+
+@njit(error_model="numpy")
+def _own_law(q, v, s, tau, t, p, user):
+    return user(q, v, s, tau, t, (*_first(p), *_second(p), *_third(p)))
+
+
 @njit(error_model="numpy")
 def resistance(q, v, s, tau, t, p, on, user):
     """Return the force opposing a motion in direction s, N."""
-    f = plain_resistance(q, v, s, tau, t, p)
-    laws = on["laws"]
-    while laws:
-        bit = laws & -laws
-        f += _law(bit, q, v, s, tau, t, p)
-        laws ^= bit
-    if on["own"]:
-        f += user(q, v, s, tau, t, _own(p))
-    return f
+    return plain_resistance(q, v, s, tau, t, p) + extra_resistance(q, v, s, tau, t, p, on, user)
 
 
 @njit(error_model="numpy")
@@ -172,13 +173,9 @@ def nets(x, s1, s2, tau, t, p, on, user, masses):
     motor = (1.0 - share) * resistance(q1, v1, s1, tau, t, p, on, user)
     if on["presliding"]:
         up = resistance(q1, 0.0, 1.0, tau, t, p, on, user)
-        level = (
-            0.5 * (1.0 - share) * (up - resistance(q1, 0.0, -1.0, tau, t, p, on, user))
-        )
+        level = 0.5 * (1.0 - share) * (up - resistance(q1, 0.0, -1.0, tau, t, p, on, user))
         rate = bristle_rate(z, v1, level, p["presliding.stiffness"])
-        motor += (
-            p["presliding.stiffness"] * z + p["presliding.damping"] * rate - s1 * level
-        )
+        motor += p["presliding.stiffness"] * z + p["presliding.damping"] * rate - s1 * level
     if not (on["flexibility"] or on["backlash"]):
         return tau - motor, 0.0, rate
     link = coupling(q1 - q2, v1 - v2, masses[3], masses[4], masses[5])

@@ -54,9 +54,7 @@ class Simulation:
         """Whether the simulated loop stayed finite."""
         return bool(np.isfinite(self.nu[-1]).all() and np.isfinite(self.q[-1]).all())
 
-    def relative_error(
-        self, record: Record, pipeline: Pipeline | None = None
-    ) -> dict[str, float]:
+    def relative_error(self, record: Record, pipeline: Pipeline | None = None) -> dict[str, float]:
         """Return 100 ||measured - simulated|| / ||measured||, in per cent.
 
         The measured position is band-passed by the pipeline, whose trimmed samples do not count;
@@ -94,8 +92,7 @@ class Simulation:
         simulated = (*self.motion, self.tau)
         names = ("position", "velocity", "acceleration", "force")
         return {
-            name: 100.0
-            * float(np.linalg.norm(m[rows] - s[rows]) / np.linalg.norm(m[rows]))
+            name: 100.0 * float(np.linalg.norm(m[rows] - s[rows]) / np.linalg.norm(m[rows]))
             for name, m, s in zip(names, measured, simulated, strict=True)
         }
 
@@ -114,9 +111,7 @@ class Simulation:
             If the simulated loop diverged.
         """
         if not self.finite:
-            raise RecordError(
-                "the simulated loop is unstable; check the gains and the inertia"
-            )
+            raise RecordError("the simulated loop is unstable; check the gains and the inertia")
         return Record(
             t=self.t,
             q=self.q,

@@ -58,9 +58,7 @@ def _controller_block(
     def value(x: Array, u: Array) -> float:
         positions = np.concatenate([u[2:], x[:past]])
         state, inputs = x[past : past + inner], u[[0, 2]]
-        return float(
-            law.gains @ u[:2] + law.taps @ positions + law.C @ state + law.D @ inputs
-        )
+        return float(law.gains @ u[:2] + law.taps @ positions + law.C @ state + law.D @ inputs)
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
         state = law.A @ x[past : past + inner] + law.B @ u[[0, 2]]
@@ -82,7 +80,7 @@ def _controller_block(
 
 
 def _drop(past: int, inner: int, delay: int) -> Array:
-    """Indices that keep the newest `past` positions and everything behind them."""
+    """Return the indices that keep the newest `past` positions and everything behind them."""
     return np.r_[0:past, past + 1 : past + 1 + inner + delay].astype(int)
 
 
@@ -120,9 +118,7 @@ def _axis_block(
         return np.array([*state, force, x[6] + dt, *line[: whole + 1]])
 
     def output(t: float, x: Array, u: Array, params: Any) -> Array:
-        return np.array(
-            [measure(x[0], 0.0, 0.0, p, on), x[1], nu(u), loop.gain * nu(u)]
-        )
+        return np.array([measure(x[0], 0.0, 0.0, p, on), x[1], nu(u), loop.gain * nu(u)])
 
     return control.nlsys(
         update,

@@ -16,9 +16,7 @@ from .terms import Law, Parameter, Term
 __all__ = ["EFFECTS", "TERMS", "Law", "Parameter", "Term", "find"]
 
 TERMS: dict[str, Term] = {
-    term.name: term
-    for module in (transmission, friction, drive, sensor)
-    for term in module.TERMS
+    term.name: term for module in (transmission, friction, drive, sensor) for term in module.TERMS
 }
 EFFECTS: dict[str, Term] = {name: term for name, term in TERMS.items() if not term.base}
 
@@ -38,7 +36,5 @@ def find(names: Iterable[str | Term]) -> tuple[Term, ...]:
         elif name in TERMS:
             found.append(TERMS[name])
         else:
-            raise AxisError(
-                f"{name!r} is not a term; known terms: {', '.join(sorted(TERMS))}"
-            )
+            raise AxisError(f"{name!r} is not a term; known terms: {', '.join(sorted(TERMS))}")
     return tuple(found)

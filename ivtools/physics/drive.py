@@ -53,12 +53,8 @@ DRIVE_TIMING = Term(
     "drive-timing",
     "drive",
     (
-        Parameter(
-            "delay", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.3, 1.0, 2.5)
-        ),
-        Parameter(
-            "lag", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.3, 1.0, 2.5)
-        ),
+        Parameter("delay", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.3, 1.0, 2.5)),
+        Parameter("lag", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.3, 1.0, 2.5)),
     ),
     "tau(t - delay), then lag dtau/dt + tau = command",
     "current loop and bus: Leonhard, Control of Electrical Drives, 2001",

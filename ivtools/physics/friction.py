@@ -33,9 +33,7 @@ COULOMB = Term(
 
 def _asymmetric(q, dq, ddq, sign, tau, t, fv_pos, fc_pos, fv_neg, fc_neg):  # type: ignore[no-untyped-def]
     ahead, back = 0.5 * (1.0 + sign), 0.5 * (1.0 - sign)
-    return (ahead * fv_pos + back * fv_neg) * dq + (
-        ahead * fc_pos + back * fc_neg
-    ) * sign
+    return (ahead * fv_pos + back * fv_neg) * dq + (ahead * fc_pos + back * fc_neg) * sign
 
 
 ASYMMETRIC_FRICTION = Term(
@@ -86,7 +84,7 @@ POLYNOMIAL_VISCOUS = Term(
     "mechanics",
     (Parameter("quadratic", "{F} s2/{L}2"), Parameter("cubic", "{F} s3/{L}3")),
     "F2 dq |dq| + F3 dq^3",
-    "Bittencourt, Axelsson, IEEE/ASME Trans. Mechatronics 19(1), 2014",
+    "Bittencourt, Axelsson, IEEE/ASME Trans. Mechatronics 19(5), 2014",
     law=lambda q, dq, ddq, sign, tau, t, f2, f3: (f2 * np.abs(dq) + f3 * dq * dq) * dq,
 )
 
@@ -122,7 +120,7 @@ FRICTION_DRIFT = Term(
     "mechanics",
     (Parameter("coulomb_rate", "{F}/s"), Parameter("viscous_rate", "{F}/{L}")),
     "a t sign(dq) + b t dq",
-    "Bittencourt, Gunnarsson, Control Engineering Practice 20(12), 2012: warming-up",
+    "Bittencourt, Gunnarsson, ASME J. Dynamic Systems, Measurement and Control 134(5), 2012",
     law=lambda q, dq, ddq, sign, tau, t, a, b: t * (a * sign + b * dq),
 )
 
@@ -134,7 +132,7 @@ PRESLIDING = Term(
             "stiffness",
             "{F}/{L}",
             lower=0.0,
-            neutral=1e6,
+            neutral=np.inf,
             scale="stiffness",
             scan=(1.0, 3.0, 10.0),
         ),

@@ -17,7 +17,7 @@ ENCODER_ECCENTRICITY = Term(
         PERIOD,
     ),
     "q + a cos(2 pi q/p) + b sin(2 pi q/p)",
-    "Kavanagh, IEEE Trans. Instrumentation and Measurement 50(5), 2001",
+    "Kavanagh, IEEE Trans. Industrial Electronics 47(4), 2000",
 )
 
 CONTROLLER_MISMATCH = Term(
@@ -45,9 +45,7 @@ DISTURBANCE = Term(
 @njit(error_model="numpy")
 def encoder(q: float, a: float, b: float, period: float) -> float:
     """Return the position that an eccentric encoder reads, m or rad."""
-    return (
-        q + a * np.cos(2.0 * np.pi * q / period) + b * np.sin(2.0 * np.pi * q / period)
-    )
+    return q + a * np.cos(2.0 * np.pi * q / period) + b * np.sin(2.0 * np.pi * q / period)
 
 
 TERMS = (ENCODER_ECCENTRICITY, CONTROLLER_MISMATCH, DISTURBANCE)

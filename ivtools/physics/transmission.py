@@ -7,9 +7,7 @@ from numba import njit
 
 from .terms import Parameter, Term
 
-_JANOT = (
-    "Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, 2019, equation 1"
-)
+_JANOT = "Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, 2019, equation 1"
 _SHARES = (0.1, 0.2, 0.35)
 
 INERTIA = Term(
@@ -155,12 +153,8 @@ BACKLASH = Term(
             scale="one",
             scan=(0.5,),
         ),
-        Parameter(
-            "contact_hz", "Hz", lower=10.0, neutral=150.0, scale="one", scan=(150.0,)
-        ),
-        Parameter(
-            "damping", "1", lower=0.0, upper=2.0, neutral=0.2, scale="one", scan=(0.2,)
-        ),
+        Parameter("contact_hz", "Hz", lower=10.0, neutral=150.0, scale="one", scan=(150.0,)),
+        Parameter("damping", "1", lower=0.0, upper=2.0, neutral=0.2, scale="one", scan=(0.2,)),
     ),
     "two masses M (1 - r), M r that touch when |q1 - q2| > gap/2",
     "Nordin, Gutman, Automatica 38(10), 2002",
