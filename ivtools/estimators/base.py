@@ -21,6 +21,11 @@ METHODS = {
     "idim-wls": "least_squares:IDIMWLS",
     "idim-iv": "instrumental:IDIMIV",
     "idim-bciv": "instrumental:IDIMBCIV",
+    "idim-piv": "refined:IDIMPIV",
+    "ml": "maximum_likelihood:ML",
+    "set-membership": "set_membership:SetMembership",
+    "lmi-ls": "physical:LMILS",
+    "lmi-iv": "physical:LMIIV",
 }
 """Method names of the command line, each with its module and class in `ivtools.estimators`."""
 
