@@ -54,9 +54,9 @@ def benchmark(
     if out is not None and hasattr(score, "to_html"):
         with writing(out):
             texts.append(f"report: {score.to_html(out / 'report.html')}")
-    show(*texts, json_file=json)
     if json is not None:
         write_json(score.to_dict(), json)
+    show(*texts, json_file=json)
 
 
 def _follow() -> Any:

@@ -18,8 +18,8 @@ def effects(json: options.Json = None) -> None:
     """List the effects that can be added to a model, with their equations."""
     from ivtools.physics import EFFECTS
 
-    show(*(_entry(term) for term in EFFECTS.values()), json_file=json)
     write_json({name: _content(term) for name, term in EFFECTS.items()}, json)
+    show(*(_entry(term) for term in EFFECTS.values()), json_file=json)
 
 
 def _entry(term: Term) -> str:
@@ -55,5 +55,5 @@ def axis(
     from ivtools import axes
 
     text = axes.path(name).read_text(encoding="utf-8")
-    show(text.rstrip("\n"), json_file=json)
     write_json(tomllib.loads(text), json)
+    show(text.rstrip("\n"), json_file=json)

@@ -68,8 +68,8 @@ def compare(
         from ivtools.demo import comparison_page
 
         texts.append(f"report: {write_page(comparison_page(comparison, other), out)}")
-    show(*texts, json_file=json)
     write_json(comparison.to_dict(), json)
+    show(*texts, json_file=json)
     if fits.interrupted:
         raise KeyboardInterrupt
 

@@ -25,8 +25,8 @@ def listing(data: options.Data = None, json: options.Json = None) -> None:
         f"{name}\n    {entry['title']}\n    file: {entry['file']}\n    licence: {entry['licence']}"
         for name, entry in entries.items()
     ]
-    show(*texts, json_file=json)
     write_json(entries, json)
+    show(*texts, json_file=json)
 
 
 def _entry(name: str, data: Path | None) -> dict[str, Any]:
@@ -76,5 +76,5 @@ def path(name: Name, data: options.Data = None, json: options.Json = None) -> No
 
 
 def _print(name: str, file: Path, json: Path | None) -> None:
-    show(file, json_file=json)
     write_json({"name": name, "path": str(file)}, json)
+    show(file, json_file=json)

@@ -13,7 +13,10 @@ from ivtools.cli.output import progress, show, write_json, write_page
 
 def demo(
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Where the report goes.")
+        Path,
+        typer.Option(
+            "--out", metavar="DIR", callback=options.folder, help="Where the report goes."
+        ),
     ] = Path("ivtools-demo"),
     json: options.Json = None,
 ) -> None:
@@ -26,5 +29,5 @@ def demo(
         made = page(result)
         advance("figures")
         file = write_page(made, out)
-    show(*result.tables(), f"report: {file}", json_file=json)
     write_json(result.to_dict(), json)
+    show(*result.tables(), f"report: {file}", json_file=json)

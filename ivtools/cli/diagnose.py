@@ -32,6 +32,6 @@ def diagnose(
             out.mkdir(parents=True, exist_ok=True)
             gap.to_html(out / "report.html")
         texts.append(f"report: {out / 'report.html'}")
-    show(*texts, json_file=json)
     if json is not None:
         write_json(gap.to_dict(), json)
+    show(*texts, json_file=json)

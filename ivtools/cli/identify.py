@@ -41,9 +41,9 @@ def identify(
         texts.append("\n".join(str(test) for test in fit.tests().values()))
     if out is not None:
         texts.append(f"report: {write_page(page(fit), out)}")
-    show(*texts, json_file=json)
     if json is not None:
         write_json(fit.to_dict(), json)
+    show(*texts, json_file=json)
 
 
 def page(fit: FitResults) -> Page:

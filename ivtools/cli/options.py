@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from ivtools.errors import DataError
 
 
 class Friction(StrEnum):
@@ -59,11 +62,54 @@ FrictionModel = Annotated[
     typer.Option("--friction", help="Friction model; default: that of the axis file."),
 ]
 Cov = Annotated[Covariance, typer.Option("--cov", help="Covariance of the estimates.")]
+
+
+def writable(path: Path | None) -> Path | None:
+    """Refuse, before any work is done, a file or folder that could not be written.
+
+    Raises
+    ------
+    DataError
+        Something else is there, or it may not be written.
+    """
+    if path is None or str(path) == "-":
+        return path
+    there = path.absolute()
+    while not there.exists():
+        there = there.parent
+    if there != path.absolute() and not there.is_dir():
+        raise DataError(f"cannot write {path}: {there} is not a folder; name another place")
+    if not os.access(there, os.W_OK):
+        raise DataError(f"cannot write {path}: permission denied at {there}; name another place")
+    return path
+
+
+def _file(path: Path | None) -> Path | None:
+    if path is not None and path.is_dir():
+        raise DataError(f"cannot write {path}: it is a folder; name a file in it")
+    return writable(path)
+
+
+def folder(path: Path | None) -> Path | None:
+    """Refuse a path that cannot become a folder; see `writable`."""
+    if path is not None and path.exists() and not path.is_dir():
+        raise DataError(f"cannot write {path}: it is a file; name a folder")
+    return writable(path)
+
+
 Json = Annotated[
     Path | None,
-    typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout."),
+    typer.Option(
+        "--json", metavar="FILE", callback=_file, help="Write the result as JSON; - for stdout."
+    ),
+]
+Html = Annotated[
+    Path | None,
+    typer.Option("--html", metavar="FILE", callback=_file, help="Write the page with the figures."),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="DIR", help="Write report.html and the figures."),
+    typer.Option(
+        "--out", metavar="DIR", callback=folder, help="Write report.html and the figures."
+    ),
 ]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
 from ivtools.cli import options
@@ -13,10 +10,7 @@ from ivtools.cli.output import show, write_json, write_page, writing
 
 def reproduce(
     data: options.Data = None,
-    html: Annotated[
-        Path | None,
-        typer.Option("--html", metavar="FILE", help="Write the page with the figures."),
-    ] = None,
+    html: options.Html = None,
     json: options.Json = None,
     out: options.Out = None,
 ) -> None:
@@ -34,7 +28,7 @@ def reproduce(
                 texts.append(f"report: {made.write(html)}")
         if out is not None:
             texts.append(f"report: {write_page(made, out)}")
-    show(*texts, json_file=json)
     write_json(result.to_dict(), json)
+    show(*texts, json_file=json)
     if not result.ok:
         raise typer.Exit(1)

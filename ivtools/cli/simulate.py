@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,13 +10,15 @@ import typer
 
 from ivtools.cli import options
 from ivtools.cli.output import show, write_json, write_page
-from ivtools.errors import AxisError, EstimationError, IVToolsError
+from ivtools.errors import AxisError, EstimationError, IVToolsError, IVToolsWarning
 
 if TYPE_CHECKING:
     from ivtools.loop import ClosedLoop, Simulation
     from ivtools.record import Record
     from ivtools.report import Page
     from ivtools.tables import Text
+
+LOST = 20.0  # % of the position; a loop that follows stays below 1 %
 
 
 def simulate(
@@ -54,11 +57,18 @@ def simulate(
             "the simulated loop is unstable; check the parameters and the controller's gains"
         )
     errors = simulation.relative_error(measured)
+    if not errors["position"] <= LOST:
+        warnings.warn(
+            f"the simulated axis does not follow: its position is {errors['position']:.3g} % off; "
+            "check the parameters, the gains and the units",
+            IVToolsWarning,
+            stacklevel=2,
+        )
     texts: list[object] = [_table(errors, source)]
     if out is not None:
         texts.append(f"report: {write_page(page(measured, simulation, texts[0]), out)}")
-    show(*texts, json_file=json)
     write_json({"relative_error": errors}, json)
+    show(*texts, json_file=json)
 
 
 def _default(record: Record, loop: ClosedLoop) -> tuple[dict[str, float], str]:
