@@ -322,14 +322,15 @@ class FitResults:
     def abs_diag_r(self) -> pd.Series:
         """|diag R| of the QR of the observation matrix before decimation, if it is known."""
         X = self.X
-        if self.problem is not None:
+        if self.problem is not None and self.problem.names == self.names:
             pipeline = replace(self.problem.pipeline, decimation=1)
             X = replace(self.problem, pipeline=pipeline).X
         return pd.Series(linalg.abs_diag_r(X), index=self.params.index, name="abs_diag_r")
 
     def cross_test(self, problem: Problem) -> ErrorFigures:
         """Measure the error of these parameters on another record's problem."""
-        return ErrorFigures.of(problem.y - problem.X @ self.params.to_numpy(), problem.y)
+        theta = self.params.reindex(problem.names).to_numpy()  # a shape parameter has no column
+        return ErrorFigures.of(problem.y - problem.X @ theta, problem.y)
 
     def not_identifiable(self, limit: float = 10.0) -> tuple[str, ...]:
         """Return the parameters whose relative deviation exceeds a limit, in %."""

@@ -26,6 +26,12 @@ METHODS = {
     "set-membership": "set_membership:SetMembership",
     "lmi-ls": "physical:LMILS",
     "lmi-iv": "physical:LMIIV",
+    "didim": "input_error:DIDIM",
+    "clie": "input_error:CLIE",
+    "cloe": "output_error:CLOE",
+    "oloe": "output_error:OLOE",
+    "ddm-ls": "direct:DDMLS",
+    "ddm-iv": "direct:DDMIV",
 }
 """Method names of the command line, each with its module and class in `ivtools.estimators`."""
 

@@ -78,6 +78,8 @@ def lacks(results: FitResults, surplus: bool = False) -> str:
     """Return the reason why a test of instruments does not apply, or an empty string."""
     if results.Z is None:
         return "the method uses no instruments"
+    if "invalid_instruments" in results.extras:
+        return str(results.extras["invalid_instruments"])
     if surplus and results.Z.shape[1] <= results.X.shape[1]:
         return "there are as many instruments as parameters; the test needs surplus ones"
     if System.of(results).exogenous.all():
