@@ -60,6 +60,11 @@ class Step(NamedTuple):
     change: float
 
     @property
+    def near(self) -> bool:
+        """Whether the solution is near enough for weights and for the loop's own gain."""
+        return self.change <= FAR or self.weights is not None
+
+    @property
     def resids(self) -> Array:
         """Residual of the solution, (N,), N or N m."""
         return self.system.y - self.system.X @ self.theta
@@ -128,16 +133,16 @@ class IDIMIV(Estimator):
     def estimate(self, problem: Problem) -> FitResults:
         """Iterate Z(theta_k)' (y - X theta_(k+1)) = 0."""
         theta = starting_values(problem, self.start)  # (p,)
-        last, n_iter, tries, converged = None, 0, 0, False
+        last, n_iter, tries, converged, failure = None, 0, 0, False, ""
         while not converged and n_iter < self.max_iter:
-            step, tried = self._step(problem, theta, last)
+            step, tried, failure = self._step(problem, theta, last)
             n_iter, tries = n_iter + 1, tries + tried
             if step is None:
                 break
             converged = self._settled(last, step)
             theta, last = step.theta, step
         status: dict[str, Any] = dict(n_iter=n_iter, n_simulations=tries, converged=converged)
-        return self._results(problem, last, status)
+        return self._results(problem, last, status, failure)
 
     def system(self, problem: Problem, theta: Array, scale_gain: bool = False) -> System:
         """Return the equations and the instruments simulated at theta (p,)."""
@@ -146,8 +151,8 @@ class IDIMIV(Estimator):
         )
         return System(problem.X, problem.y, Z, problem.row_joints, problem.t)
 
-    def row_weights(self, system: System, resids: Array, last: Weights | None) -> Weights | None:
-        """Return the weights of the rows for this residual (N,), given the last step's."""
+    def row_weights(self, system: System, resids: Array, last: Step) -> Weights | None:
+        """Return the weights of the rows for this residual (N,), after the last step."""
         weights = joint_weights(resids, system.joints) if self.weighted else None
         if self.robust:
             weights = huber(resids, weights)
@@ -161,40 +166,51 @@ class IDIMIV(Estimator):
         """Return what the method has to say beside its estimate."""
         return {}
 
-    def _step(self, problem: Problem, theta: Array, last: Step | None) -> tuple[Step | None, int]:
-        """Step from theta, or from nearer to the last point if the loop is unstable there."""
-        far = self.scale_gain and (last is None or last.change > FAR)
+    def _step(
+        self, problem: Problem, theta: Array, last: Step | None
+    ) -> tuple[Step | None, int, str]:
+        """Step from theta, or from nearer to the last point if that is impossible.
+
+        Returns
+        -------
+        The step, the simulations that it took, and why there is none.
+        """
+        far, failure = self.scale_gain and (last is None or not last.near), ""
+        anchor = None if last is None else last.at
         for tried in range(1, _HALVINGS + 1):
             try:
-                return self._solve(problem, theta, last, far), tried
-            except EstimationError:  # unstable, at rest, or without inertia
-                anchor = last.at if last is not None else starting_values(problem, "ls")
-                theta = 0.5 * (theta + anchor)
-        return None, _HALVINGS
+                return self._solve(problem, theta, last, far), tried, ""
+            except EstimationError as error:  # unstable, at rest, or without inertia
+                anchor = starting_values(problem, "ls") if anchor is None else anchor
+                theta, failure = 0.5 * (theta + anchor), str(error)
+        return None, _HALVINGS, failure
 
     def _solve(self, problem: Problem, theta: Array, last: Step | None, far: bool) -> Step:
         system = self.system(problem, theta, far)
         weights = None
-        if last is not None and last.change <= FAR:
-            weights = self.row_weights(system, system.y - system.X @ theta, last.weights)
+        if last is not None and last.near:
+            weights = self.row_weights(system, system.y - system.X @ theta, last)
         new = solve_iv(system.X, system.y, system.Z, weights, problem.names)  # (p,)
         change = relative_change(theta, new, system.X, system.y)
         return Step(theta, new, system, weights, change)
 
     def _settled(self, last: Step | None, step: Step) -> bool:
         """Whether the parameters and the norm of the residual have stopped to change."""
-        if last is None or last.change > FAR or step.change > self.tol:
+        if last is None or not last.near or step.change > self.tol:
             return False
         old, new = np.linalg.norm(last.resids), np.linalg.norm(step.resids)
         return bool(abs(new - old) <= self.tol * max(float(new), SMALL_SHARE * norm(step.system.y)))
 
-    def _results(self, problem: Problem, step: Step | None, status: dict[str, Any]) -> FitResults:
+    def _results(
+        self, problem: Problem, step: Step | None, status: dict[str, Any], failure: str
+    ) -> FitResults:
+        failed = (f"the last step failed: {failure}",) if failure else ()
         if step is None:  # no loop to take instruments from
             X, y = problem.X, problem.y
             theta = solve_iv(X, y, names=problem.names)
-            notes = ("no simulation is stable: the values are those of least squares",)
+            status["notes"] = (*failed, "the values are those of least squares")
             return FitResults.from_solution(
-                self.key, theta, X, y, problem=problem, cov_type=self.cov_type, notes=notes, **status
+                self.key, theta, X, y, problem=problem, cov_type=self.cov_type, **status
             )
         return FitResults.from_solution(
             self.key,
@@ -205,7 +221,7 @@ class IDIMIV(Estimator):
             weights=step.weights,
             problem=problem,
             cov_type=self.cov_type,
-            notes=self.notes(problem, step),
+            notes=(*failed, *self.notes(problem, step)),
             extras=self.extras(problem, step),
             **status,
         )

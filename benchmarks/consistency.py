@@ -1,0 +1,182 @@
+"""Consistency: bias, coverage and efficiency of the estimators on a simulated axis in closed loop.
+
+The twin's axis follows the twin's reference. White encoder noise passes through the controller
+into the force, the encoder has a resolution, a white force acts beside the drive. What each method
+makes of 200 such records, against the true parameters and the Cramer-Rao bound:
+
+    python benchmarks/consistency.py --seeds 200
+
+writes benchmarks/results/consistency.csv and consistency.md.
+"""
+
+import argparse
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+
+import ivtools as iv
+from ivtools.errors import ConvergenceWarning
+from ivtools.estimators.bound import cramer_rao
+from ivtools.estimators.instrumental import IDIMBCIV, IDIMIV
+from ivtools.estimators.least_squares import IDIMLS
+from ivtools.estimators.refined import IDIMPIV
+from ivtools.record import Record
+
+RESULTS = Path(__file__).parent / "results"
+QUANTUM = 5e-8  # m
+FORCE_NOISE = 2.0  # N
+POSITION_NOISE = (1e-7, 1e-6, 1e-5)  # m
+ALIGNED = {"force_shift": 0.5, "min_speed": 5e-3, "guard": 25}
+
+
+@dataclass(frozen=True)
+class Method:
+    estimator: object
+    settings: dict
+
+
+METHODS = {
+    "idim-ls": Method(IDIMLS(), {}),
+    "idim-iv": Method(IDIMIV(), {}),
+    "idim-iv, aligned and masked": Method(IDIMIV(), ALIGNED),
+    "idim-bciv": Method(IDIMBCIV(), {}),
+    "idim-piv": Method(IDIMPIV(), {}),
+}
+
+
+class Experiment:
+    """The twin's axis and reference; `record` is one noisy experiment with it."""
+
+    def __init__(self) -> None:
+        self.twin = iv.datasets.twin()
+        self.theta = dict(self.twin.theta_true)
+        self.loop = iv.axes.emps().with_terms("inertia", "asymmetric-friction")
+        self.pipeline = self.loop.pipeline(self.twin)  # cut-off 100 Hz, decimation by 10
+
+    def record(self, noise: float, seed: int) -> Record:
+        level = int(round(1e9 * noise))
+        sequence = np.random.SeedSequence(list(b"consistency"), spawn_key=(level, seed))
+        rng, n = np.random.default_rng(sequence), self.twin.n_samples
+        simulation = self.loop.simulate(
+            self.twin,
+            self.theta,
+            initial="rest",
+            position_noise=rng.normal(0.0, noise, n),
+            force_noise=rng.normal(0.0, FORCE_NOISE, n),
+            quantum=QUANTUM,
+        )
+        return Record(self.twin.t, simulation.q, q_ref=self.twin.q_ref, nu=simulation.nu)
+
+    def fits(self, noise: float, seed: int, methods: dict[str, Method]) -> list[dict]:
+        return list(self._fits(noise, seed, methods))
+
+    def _fits(self, noise: float, seed: int, methods: dict[str, Method]) -> Iterator[dict]:
+        record = self.record(noise, seed)
+        for name, method in methods.items():
+            problem = iv.Problem(record, self.loop, replace(self.pipeline, **method.settings))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ConvergenceWarning)
+                fit = method.estimator.fit(problem)
+            for parameter, value in fit.params.items():
+                yield {
+                    "noise": noise,
+                    "method": name,
+                    "parameter": parameter,
+                    "seed": seed,
+                    "estimate": value,
+                    "std_error": fit.std_errors[parameter],
+                    "converged": fit.converged,
+                    "runtime": fit.runtime,
+                }
+
+    def bound(self, noise: float) -> pd.Series:
+        problem = iv.Problem(self.twin, self.loop, simulation={"initial": "rest"})
+        covariance = cramer_rao(
+            problem,
+            self.theta,
+            position_noise=noise,
+            force_noise=FORCE_NOISE,
+            quantum=QUANTUM,
+        )
+        return pd.Series(np.sqrt(np.diag(covariance)), index=covariance.index)
+
+
+def run(
+    seeds: int, noises=POSITION_NOISE, methods: dict[str, Method] = METHODS, jobs: int = 1
+) -> pd.DataFrame:
+    """Return one row per fit and parameter."""
+    experiment = Experiment()
+    rows = Parallel(n_jobs=jobs)(
+        delayed(experiment.fits)(noise, seed, methods) for noise in noises for seed in range(seeds)
+    )
+    return pd.DataFrame([row for fits in rows for row in fits])
+
+
+def summarise(fits: pd.DataFrame) -> pd.DataFrame:
+    """Return bias, coverage and efficiency per noise, method and parameter."""
+    experiment = Experiment()
+    bounds = {noise: experiment.bound(noise) for noise in fits["noise"].unique()}
+    rows = []
+    for (noise, method, parameter), group in fits.groupby(
+        ["noise", "method", "parameter"], sort=False
+    ):
+        true, n = experiment.theta[parameter], len(group)
+        error, std = group["estimate"] - true, group["estimate"].std()
+        rows.append(
+            {
+                "noise": noise,
+                "method": method,
+                "parameter": parameter,
+                "bias_percent": 100.0 * error.mean() / true,
+                "bias_error_percent": 100.0 * std / np.sqrt(n) / true,
+                "t": error.mean() / (std / np.sqrt(n)),
+                "std": std,
+                "mean_std_error": group["std_error"].mean(),
+                "coverage_percent": 100.0 * (error.abs() < 1.96 * group["std_error"]).mean(),
+                "variance_over_bound": std**2 / bounds[noise][parameter] ** 2,
+                "converged_percent": 100.0 * group["converged"].mean(),
+                "milliseconds": 1e3 * group["runtime"].median(),
+                "seeds": n,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def write(summary: pd.DataFrame, folder: Path = RESULTS) -> None:
+    folder.mkdir(exist_ok=True)
+    summary.to_csv(folder / "consistency.csv", index=False, float_format="%.5g")
+    lines = [
+        f"# Consistency: {summary['seeds'].iloc[0]} records of the twin's axis per noise level",
+        "",
+        f"`python benchmarks/consistency.py --seeds {summary['seeds'].iloc[0]}`. Encoder noise as "
+        f"given, resolution {QUANTUM:g} m, force noise {FORCE_NOISE:g} N, band-pass at 100 Hz. "
+        "Bias with its standard error; coverage of the 95 % intervals (HAC); variance over the "
+        "Cramer-Rao bound of an estimate that is excited by the reference.",
+    ]
+    for noise, table in summary.groupby("noise"):
+        lines += ["", f"## Encoder noise {noise:g} m", ""]
+        lines += ["| method | parameter | bias, % | coverage, % | variance / bound | fit, ms |"]
+        lines += ["|---|---|---|---|---|---|"]
+        lines += [
+            f"| {r.method} | {r.parameter} | {r.bias_percent:+.3f} ± {r.bias_error_percent:.3f} | "
+            f"{r.coverage_percent:.1f} | {r.variance_over_bound:.2f} | {r.milliseconds:.0f} |"
+            for r in table.itertuples()
+        ]
+    (folder / "consistency.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=200)
+    parser.add_argument("--jobs", type=int, default=1)
+    arguments = parser.parse_args()
+    write(summarise(run(arguments.seeds, jobs=arguments.jobs)))
+
+
+if __name__ == "__main__":
+    main()
