@@ -136,10 +136,9 @@ def fetch(name: str, url: str | None = None) -> Path:
             part = _extract(_download(url, Path(folder)), data_set)
             return _verified(part, data_set, url).replace(file)
     except (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise DataError(
             f"{data_set.filename} is not on this machine and cannot be downloaded from {url} "
-            f"({reason}); get it from {data_set.origin}, SHA-256 {data_set.sha256}, and put it in "
+            f"({_reason(error)}); get it from {data_set.origin}, SHA-256 {data_set.sha256}, and put it in "
             f"{cache}, or name its folder with --data or {FOLDER_VARIABLE}"
         ) from error
 
@@ -262,6 +261,13 @@ def _download(url: str, folder: Path) -> Path:
         )
     except ValueError as error:  # an address that is none
         raise OSError(str(error)) from error
+
+
+def _reason(error: BaseException) -> str:
+    """Return what went wrong at the bottom of a chain of errors, short: the wrappers say little."""
+    while error.__cause__ or error.__context__:
+        error = error.__cause__ or error.__context__ or error
+    return " ".join(str(error).split())[:100] or type(error).__name__
 
 
 def _extract(archive: Path, data_set: DataSet) -> Path:
