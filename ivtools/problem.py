@@ -71,6 +71,7 @@ class Problem:
                 f"the record has {self.record.n_joints} joints; a loop describes one, so take them "
                 "one at a time"
             )
+        object.__setattr__(self, "loop", self.loop.known(self.record))
         if self.pipeline is None:
             object.__setattr__(self, "pipeline", self.loop.pipeline(self.record))
 
@@ -195,7 +196,8 @@ class Problem:
         """Return motion and aligned force of the simulated loop, (n_samples, 1) each."""
         values = self.loop.values(theta)
         loop = self.scaled_loop(values["inertia"]) if scale_gain else self.loop
-        simulation = loop.simulate(self.record, values, **self.simulation)
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable loop is told below
+            simulation = loop.simulate(self.record, values, **self.simulation)
         if not simulation.finite:
             raise EstimationError("the simulated loop is unstable at these parameters")
         motion = simulation.motion
