@@ -5,12 +5,13 @@ PYTHON ?= $(firstword $(foreach p,python3 python3.14 python3.13 python3.12 pytho
 VENV := .venv
 RUN := $(VENV)/bin/python -m
 
-.PHONY: help demo test slow lint clean
+.PHONY: help demo test slow lint figure clean
 
 help:
 	@echo "make demo    identify a simulated axis; the report is in ./ivtools-demo"
 	@echo "make test    lint, types and tests (a few minutes)"
 	@echo "make slow    the tests that take longer"
+	@echo "make figure  draw the figure of the README"
 	@echo "make clean   remove the environment and everything the commands wrote"
 
 demo: $(VENV)/.installed
@@ -25,6 +26,9 @@ slow: $(VENV)/.installed-dev
 lint: $(VENV)/.installed-dev
 	$(RUN) ruff check .
 	$(RUN) mypy
+
+figure: $(VENV)/.installed
+	$(VENV)/bin/python docs/figure.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info ivtools-demo ivtools-reproduce ivtools-report
