@@ -29,8 +29,7 @@ def small(seeds: int) -> Study:
     theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
     loop = iv.axes.emps()
     cases = [
-        Case(f"{f:g} N", loop, theta, MOVES, force_noise=f, encoder_noise=1e-7)
-        for f in (1.0, 5.0)
+        Case(f"{f:g} N", loop, theta, MOVES, force_noise=f, encoder_noise=1e-7) for f in (1.0, 5.0)
     ]
     return Study(cases, {"slow": Slow(), "ls": iv.IDIMLS()}, seeds)
 

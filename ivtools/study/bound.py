@@ -28,7 +28,9 @@ def cramer_rao(case: Case) -> pd.Series:
     the axis (double integrator with viscous friction, random force, encoder noise) makes the
     predictions; their sensitivity to a parameter is its column of the observation matrix, as a
     force divided by the inertia, through the filter's error dynamics. The quantiser counts as
-    white noise of variance quantum^2/12. The information is averaged over simulated records.
+    white noise of variance quantum^2/12. The information is averaged over simulated records, so
+    what the noise itself excites is in it. `ivtools.estimators.bound` has the bound of what the
+    reference excites, from the spectrum of the closed loop; the two agree where noise is small.
 
     Parameters
     ----------

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 HOLDOUT = "holdout"  # takes the place of the repetition in the seed of the hold-out record
 HOLDOUT_SCALE = 0.8
+SETTLING_ROWS = 6  # decimated rows at either end that the decimation filter disturbs
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,8 @@ class Case:
         The model that is identified; default the true one. Another one is a misspecified model.
     pipeline : Pipeline or mapping
         How records become rows; a mapping overrides settings of the pipeline that the bandwidth
-        of the fitted loop asks for.
+        of the fitted loop asks for. Unless it gives ``trim``, both ends of the record are trimmed
+        by as much as the band-pass and the decimation filter disturb.
     start : mapping of str to float
         Starting values of the iterative estimators; what is missing is found as for any problem.
     expected : mapping of str to float
@@ -192,7 +194,11 @@ class Case:
         if isinstance(self.pipeline, Pipeline):
             return self.pipeline
         loop = self.loop if self.fitted is None else self.fitted  # not the case's starting values
-        return loop.pipeline(self.record(HOLDOUT), **self.pipeline)
+        rows = loop.pipeline(self.record(HOLDOUT), **self.pipeline)
+        if "trim" in self.pipeline:
+            return rows
+        edge = rows.trim[0] + (SETTLING_ROWS * rows.decimation if rows.decimation > 1 else 0)
+        return replace(rows, trim=(edge, edge))
 
     def bound(self) -> pd.Series:
         """Return the Cramer-Rao bound of the identified parameters; see `cramer_rao`."""
