@@ -1,0 +1,11 @@
+"""Diagnose the sim-to-real gap: where, which effect, how far it closes.
+
+    gap = iv.diagnose(record, loop, holdout=other)
+    print(gap.summary())
+"""
+
+from .attribute import Rules
+from .diagnosis import VERDICTS, Diagnosis, Ranked
+from .process import diagnose
+
+__all__ = ["VERDICTS", "Diagnosis", "Ranked", "Rules", "diagnose"]

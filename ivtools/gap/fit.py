@@ -13,14 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..linalg import solve_iv
-from ..loop import ClosedLoop
+from ..loop import ClosedLoop, Simulation
+from ..physics import Term
 from ..problem import Problem
 from .candidates import Scales
 from .fold import Fold
 
 Array = NDArray[np.float64]
 
-_TOL = 1e-4  # relative decrease of the cost that ends the search
+_NEAR = 0.01  # relative decrease below which sensitivities are kept
+_TOL = 3e-4  # relative decrease of the cost that ends the search
 _STEP = 0.01  # finite difference, in natural units
 _REACH = 3.0  # largest step of a shape parameter, as a factor
 
@@ -69,14 +71,35 @@ def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:
 
 
 def jacobian(fold: Fold, loop: ClosedLoop, values: Mapping[str, float], free: Sequence[str],
-             step: Mapping[str, float], e: Array) -> Array:
-    """Return the derivative of the whitened error by forward differences, (n_kept, n_free)."""
-    bounds = loop.parameters
-    signed = [s if values[n] + s <= bounds[n].upper else -s for n in free for s in (step[n],)]
-    points = [{**values, n: values[n] + s} for n, s in zip(free, signed, strict=True)]
-    if not points:
-        return np.empty((len(e), 0))
-    return (fold.errors(loop, points) - e[:, None]) / np.asarray(signed)
+             step: Mapping[str, float], simulation: Simulation, e: Array) -> Array:
+    """Return the derivative of the whitened error, (n_kept, n_free).
+
+    A parameter of a force law acts through its force along the simulated trajectory and the
+    loop's linear response; one that changes the structure is simulated once more.
+    """
+    owner = {n: (t, i) for t in loop.terms for i, n in enumerate(t.names)}
+    forces, J = {}, np.empty((len(e), len(free)))
+    for column, name in enumerate(free):
+        term, _ = owner[name]
+        if term.law is not None and fold.response is not None:
+            forces[column] = _law_change(term, name, values, step[name], simulation)
+            continue
+        at_top = values[name] + step[name] > loop.parameters[name].upper
+        change = -step[name] if at_top else step[name]
+        J[:, column] = (fold.error(loop, {**values, name: values[name] + change}) - e) / change
+    if forces:
+        assert fold.response is not None
+        J[:, list(forces)] = -fold.white(fold.response(np.column_stack(list(forces.values()))))
+    return J
+
+
+def _law_change(term: Term, name: str, values: Mapping[str, float], step: float,
+                simulation: Simulation) -> Array:
+    """Return the derivative of a force law along a simulated trajectory, (n_samples,)."""
+    q, dq, ddq = (a[:, 0] for a in simulation.motion)
+    more = (simulation.tau[:, 0], simulation.t - simulation.t[0])
+    now, then = ([values[n] + step * (n == name) * on for n in term.names] for on in (0, 1))
+    return (term.force(q, dq, ddq, then, *more) - term.force(q, dq, ddq, now, *more)) / step
 
 
 def gauss_newton(
@@ -107,18 +130,20 @@ def gauss_newton(
     Fit
     """
     values, free = dict(values), tuple(free)
-    e = fold.error(loop, values)
-    J = jacobian(fold, loop, values, free, step, e)
+    simulation = fold.simulate(loop, values)
+    e = fold.judged(loop, simulation)
+    J = jacobian(fold, loop, values, free, step, simulation, e)
     for _ in range(iterations):
         move = _solve(J, e, np.array([step[n] for n in free]))
-        trial, e_new = _search(fold, loop, values, free, move, e)
+        trial, simulation, e_new = _search(fold, loop, values, free, move, e, simulation)
         gain = 1.0 - (e_new @ e_new) / (e @ e)
         if trial is None or gain <= 0.0:
             break
         values, e = trial, e_new
         if gain < _TOL:
             break
-        J = jacobian(fold, loop, values, free, step, e)
+        if gain > _NEAR:
+            J = jacobian(fold, loop, values, free, step, simulation, e)
     return Fit(fold, loop, values, free, e, J)
 
 
@@ -130,17 +155,22 @@ def _solve(J: Array, e: Array, units: Array) -> Array:
     return -units / scale * np.linalg.lstsq(A / scale, e, rcond=1e-5)[0]
 
 
-def _search(fold: Fold, loop: ClosedLoop, values: dict[str, float], free: Sequence[str],
-            move: Array, e: Array) -> tuple[dict[str, float] | None, Array]:
-    """Halve the step until the cost falls."""
-    for factor in (1.0, 0.4, 0.1, 0.02):
+def _search(
+    fold: Fold, loop: ClosedLoop, values: dict[str, float], free: Sequence[str], move: Array,
+    e: Array, simulation: Simulation,
+) -> tuple[dict[str, float] | None, Simulation, Array]:
+    """Shorten the step until the cost falls."""
+    for factor in (1.0, 0.3, 0.05):
         trial = {**values}
         for name, change in zip(free, move, strict=True):
             trial[name] = _bounded(loop, name, values[name], factor * change)
-        e_new = fold.error(loop, trial)
+        found = fold.simulate(loop, trial)
+        e_new = fold.judged(loop, found)
         if e_new @ e_new < e @ e:
-            return trial, e_new
-    return None, e
+            return trial, found, e_new
+        if factor == 1.0 and e_new @ e_new < (1.0 + _TOL) * (e @ e):
+            break
+    return None, simulation, e
 
 
 def _bounded(loop: ClosedLoop, name: str, value: float, change: float) -> float:

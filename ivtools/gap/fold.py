@@ -8,7 +8,6 @@ a set of parameter values into a whitened error.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -18,6 +17,7 @@ from scipy import signal
 
 from ..loop import ClosedLoop, Simulation
 from ..record import Record
+from .response import Response
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,7 +26,6 @@ Values = Mapping[str, float]
 BLOCK = 0.4  # s, length of the blocks that count as independent
 _TRANSIENT = 0.15  # s after the start in which the initial state still shows
 _REST = 0.1  # s of standing reference after which the axis may be stuck anywhere
-_POOL = ThreadPoolExecutor(max_workers=2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +39,15 @@ class Fold:
         Samples that count.
     whitener : ndarray, (order + 1,)
         Polynomial that whitens the noise of the command, in N or N m, to unit variance.
+    response : Response, optional
+        Of the command to a force: gives sensitivities without simulation.
     label : str
     """
 
     record: Record
     keep: Mask
     whitener: Array = field(default_factory=lambda: np.ones(1))
+    response: Response | None = None
     label: str = "record"
 
     @property
@@ -74,21 +76,24 @@ class Fold:
         """Simulate a loop on this record."""
         return loop.simulate(self.record, values)
 
-    def force_error(self, loop: ClosedLoop, values: Values) -> Array:
+    def gap(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return measured minus simulated force, N or N m, (n_samples,); inf if it diverged."""
-        simulation = self.simulate(loop, values)
         if not simulation.finite:
             return np.full(self.record.n_samples, np.inf)
         return loop.gain * (loop.command(self.record) - simulation.nu)[:, 0]
 
+    def force_error(self, loop: ClosedLoop, values: Values) -> Array:
+        """Return the force error of the loop simulated at these values."""
+        return self.gap(loop, self.simulate(loop, values))
+
     def error(self, loop: ClosedLoop, values: Values) -> Array:
         """Return the whitened force error of the samples that count, (n_kept,)."""
-        e = self.force_error(loop, values)
-        return self.white(e) if np.isfinite(e[-1]) else np.full(self.n_kept, 1e6)
+        return self.judged(loop, self.simulate(loop, values))
 
-    def errors(self, loop: ClosedLoop, points: list[dict[str, float]]) -> Array:
-        """Return the whitened errors at several points, (n_kept, n_points)."""
-        return np.column_stack(list(_POOL.map(lambda p: self.error(loop, p), points)))
+    def judged(self, loop: ClosedLoop, simulation: Simulation) -> Array:
+        """Return the whitened force error of a simulation, (n_kept,); large if it diverged."""
+        e = self.gap(loop, simulation)
+        return self.white(e) if np.isfinite(e[-1]) else np.full(self.n_kept, 1e6)
 
     def only(self, keep: Mask, label: str) -> Fold:
         """Return the fold of those of its samples that are kept."""

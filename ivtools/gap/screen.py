@@ -12,15 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..loop import ClosedLoop
 from ..physics import Term
 from . import periods
 from .candidates import PERIODIC, Scales, scans
 from .fit import Fit
-from .fold import _POOL, Fold
+from .fold import Fold
 from .response import Response
 
 Array = NDArray[np.float64]
+
+_COARSE = {"backlash": 13, "flexibility": 5}
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +83,7 @@ def screen(fit: Fit, response: Response, terms: list[Term], scales: Scales) -> d
     def direction(task: tuple[Term, dict[str, float]]) -> _Direction:
         return _direction(fit, response, scales, tau, *task)
 
-    directions = [d for d in _POOL.map(direction, tasks) if d.columns.size]
+    directions = [d for d in map(direction, tasks) if d.columns.size]
     best: dict[str, Score] = {}
     for d, white in zip(directions, _whitened(fit.fold, directions), strict=True):
         score = _score(d, white, basis, e, fit.fold)
@@ -98,8 +99,8 @@ def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[d
         return [{"period": p} for p in lines["cogging"]]
     if term.name == "drive-timing":
         return [{"delay": 0.5 * scales.record.dt, "lag": 0.0}, {"delay": 0.0, "lag": 0.5 * scales.record.dt}]
-    if term.name == "backlash":  # the dense scan waits until the effect is in question
-        return list(scans(term, scales))[::12]
+    if term.name in _COARSE:  # the dense scan waits until the effect is in question
+        return list(scans(term, scales))[:: _COARSE[term.name]]
     return list(scans(term, scales))
 
 
@@ -138,7 +139,7 @@ def _eccentric(fit: Fit, scales: Scales, shape: dict[str, float]) -> Array:
 
 
 def _whitened(fold: Fold, directions: list[_Direction]) -> list[Array]:
-    return list(_POOL.map(lambda d: fold.white(d.columns), directions))
+    return [fold.white(d.columns) for d in directions]
 
 
 def _orthonormal(J: Array) -> Array:
@@ -167,7 +168,3 @@ def _statistic(C: Array, e: Array, beta: Array, fold: Fold) -> float:
     value = beta @ bread @ np.linalg.lstsq(meat, bread @ beta, rcond=1e-9)[0]
     return float(value) / len(beta)
 
-
-def structural(loop: ClosedLoop) -> bool:
-    """Whether the loop has an effect for which the linear response does not hold."""
-    return any(t.name in ("presliding", "flexibility", "backlash") for t in loop.terms)

@@ -1,0 +1,108 @@
+"""Advice: which excitation would tell apart what this record cannot.
+
+Each alternative motion is simulated with the one effect and with the other; the share of the
+one's signature that the other and the base parameters cannot mimic says how well it separates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..record import Record
+from . import response as responses
+from .fit import Fit, jacobian, steps
+from .fold import usable
+from .candidates import Scales
+
+Array = NDArray[np.float64]
+
+
+def _slower(record: Record) -> Record:
+    """The same motion at a third of the speed, with as many samples."""
+    assert record.q_ref is not None
+    n = record.n_samples
+    return _moved(record, np.interp(np.arange(n) / 3.0, np.arange(n), record.q_ref[:, 0]))
+
+
+def _many_speeds(record: Record) -> Record:
+    """Sweep the speed over the record by warping its time."""
+    assert record.q_ref is not None
+    n = record.n_samples
+    pace = 0.1 + 0.9 * (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n * 3))
+    warped = np.cumsum(pace)
+    return _moved(record, np.interp(warped, np.arange(n), record.q_ref[:, 0]))
+
+
+def _dither(record: Record) -> Record:
+    """Add a command of 3 to 50 Hz, a tenth of the largest."""
+    t, size = record.t - record.t[0], 0.1 * float(np.max(np.abs(record.nu if record.nu is not None else record.tau)))
+    lines = np.geomspace(3.0, 50.0, 12)
+    dither = sum(np.sin(2 * np.pi * f * t + 1.7 * k * k) for k, f in enumerate(lines))
+    given = record.added if record.added is not None else np.zeros((record.n_samples, 1))
+    return replace(record, added=given + size * dither[:, None] / np.sqrt(len(lines)))
+
+
+def _moved(record: Record, q_ref: Array) -> Record:
+    shift = record.q[:, 0] - record.q_ref[:, 0] if record.q_ref is not None else 0.0
+    return replace(record, q_ref=q_ref, q=q_ref + shift, dq_ref=None, dq=None, added=None)
+
+
+EXCITATIONS: dict[str, Callable[[Record], Record]] = {
+    "slow motion and reversals (a third of the speed)": _slower,
+    "many speeds (a reference whose pace sweeps from 10 to 100 %)": _many_speeds,
+    "a dither of 3 to 50 Hz added to the command (a tenth of its largest value)": _dither,
+}
+
+
+def separate(first: Fit, second: Fit, name: str, other: str) -> str:
+    """Say which excitation tells two effects apart.
+
+    Parameters
+    ----------
+    first, second : Fit
+        The model with the one effect and with the other.
+    name, other : str
+        The effects.
+    """
+    now = _distance(first, second, name, other, first.fold.record)
+    better = {text: _distance(first, second, name, other, change(first.fold.record))
+              for text, change in EXCITATIONS.items()}
+    text = max(better, key=lambda t: better[t])
+    if better[text] < 1.3 * now:
+        return (f"{name} and {other} look alike on every motion tried (they share "
+                f"{100 * (1 - now):.0f} % of their signature); measure at another place of the loop")
+    return (f"to tell {name} from {other}: {text}; what the one cannot mimic of the other grows "
+            f"from {100 * now:.0f} % to {100 * better[text]:.0f} % of the signature")
+
+
+def _distance(first: Fit, second: Fit, name: str, other: str, record: Record) -> float:
+    """Return the share of one signature that the other and the base model cannot mimic."""
+    try:
+        mine, basis = _signature(first, name, record)
+        theirs, _ = _signature(second, other, record)
+    except ValueError:  # a motion that the rules for records refuse
+        return 0.0
+    space = np.column_stack([basis, theirs])
+    scale = np.maximum(np.linalg.norm(space, axis=0), 1e-300)
+    rest = mine - (space / scale) @ np.linalg.lstsq(space / scale, mine, rcond=1e-9)[0]
+    base = mine - (basis / scale[:-1]) @ np.linalg.lstsq(basis / scale[:-1], mine, rcond=1e-9)[0]
+    return float(rest @ rest / max(float(base @ base), 1e-300))
+
+
+def _signature(fit: Fit, name: str, record: Record) -> tuple[Array, Array]:
+    """Return what an effect does to the command of another motion, and the base's columns."""
+    loop = fit.loop
+    rest = tuple(t for t in loop.terms if t.name != name)
+    plain = replace(loop, terms=rest, start={k: v for k, v in loop.start.items() if not k.startswith(name + ".")})
+    values = {n: fit.values[n] for n in plain.parameters}
+    response = responses.measure(plain, record, values)
+    fold = replace(fit.fold, record=record, keep=usable(record, loop), response=response)
+    simulation = fold.simulate(plain, values)
+    e = fold.judged(plain, simulation)
+    free = [n for n in plain.names if "." not in n]
+    J = jacobian(fold, plain, values, free, steps(fold, plain, Scales(record, plain)), simulation, e)
+    return e - fold.error(loop, fit.values), J

@@ -1,0 +1,341 @@
+"""Attribute: which of the effects are named, judged on data they were not fitted to.
+
+An effect is fitted on one fold, frozen, and the base parameters are tuned again on the other fold.
+It is named when it removes a material share of the gap there, in both directions, in most of the
+blocks, and does there nearly what its own fit would do: an effect that replicates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..loop import ClosedLoop
+from ..physics import Term
+from .candidates import PERIODIC, Scales, library, scans
+from .fit import Fit, gauss_newton, steps
+from .fold import Fold
+from .response import Response
+from .screen import Score, screen
+
+Array = NDArray[np.float64]
+
+#: Nuisance parameters that stay at their usual value.
+FIXED = ("backlash.contact_hz", "backlash.damping", "presliding.damping")
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What a name takes; the defaults are calibrated on withheld effects.
+
+    Parameters
+    ----------
+    share : float
+        Least share of the whitened energy that an effect removes on held-out data.
+    t : float
+        Least block t value of that.
+    retention : float
+        Least ratio of held-out to own gain.
+    margin : float
+        Effects within this fraction of the best are not told from it.
+    refit : int
+        Effects of the screening that are fitted.
+    most : int
+        Most effects in a combination.
+    """
+
+    share: float = 0.035
+    t: float = 3.5
+    retention: float = 0.6
+    margin: float = 0.08
+    refit: int = 4
+    most: int = 3
+    further: float = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One fold with what the attribution needs of it."""
+
+    fold: Fold
+    response: Response
+    scales: Scales
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """An effect, fitted on each fold and judged on the other.
+
+    Parameters
+    ----------
+    term : Term
+    fits : tuple of Fit
+        On each fold.
+    held : tuple of Fit
+        On each fold, with the effects of the other one frozen.
+    before : tuple of Fit
+        Held fits of the model without the effect.
+    """
+
+    term: Term
+    fits: tuple[Fit, ...]
+    held: tuple[Fit, ...]
+    own_before: tuple[Fit, ...]
+    before: tuple[Fit, ...]
+
+    @property
+    def shares(self) -> Array:
+        """Share of the energy removed on held-out data, per fold."""
+        return np.array([1.0 - h.cost / b.cost for h, b in zip(self.held, self.before, strict=True)])
+
+    @property
+    def own(self) -> Array:
+        """Share of the energy removed where it was fitted, per fold."""
+        return np.array([1.0 - f.cost / b.cost for f, b in zip(self.fits, self.own_before, strict=True)])
+
+    @property
+    def share(self) -> float:
+        """Mean share on held-out data."""
+        return float(np.mean(self.shares))
+
+    @property
+    def gains(self) -> list[Array]:
+        """Energy removed per block of each held-out fold."""
+        return [
+            h.fold.block_sums(b.e**2 - h.e**2)
+            for h, b in zip(self.held, self.before, strict=True)
+        ]
+
+    @property
+    def t(self) -> Array:
+        """Block t value of the gain, per fold."""
+        return np.array([_t(g) for g in self.gains])
+
+    @property
+    def retention(self) -> float:
+        """Smallest ratio of the held-out gain to the gain of the fold's own fit."""
+        return float(np.min(self.shares / np.maximum(self.own, 1e-12)))
+
+    def passes(self, rules: Rules) -> bool:
+        """Whether the effect replicates."""
+        return bool(
+            np.min(self.shares) >= rules.share
+            and np.min(self.t) >= rules.t
+            and self.retention >= rules.retention
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Attribution:
+    """What was named.
+
+    Parameters
+    ----------
+    base : tuple of Fit
+        The model without effects, on each fold.
+    fits : tuple of Fit
+        The model with the named effects, on each fold.
+    held : tuple of Fit
+        On each fold, with the effects as the other fold has them.
+    named : tuple of str
+    ambiguous : mapping
+        Per named effect, those that the data cannot tell from it.
+    trials : tuple of Trial
+        Everything that was fitted in the first round.
+    scores : mapping
+        Share of the screening per effect, mean of the folds.
+    """
+
+    base: tuple[Fit, ...]
+    fits: tuple[Fit, ...]
+    held: tuple[Fit, ...]
+    named: tuple[str, ...]
+    ambiguous: dict[str, list[str]]
+    trials: tuple[Trial, ...]
+    scores: dict[str, float]
+    pvalues: dict[str, float] = field(default_factory=dict)
+
+
+def attribute(
+    sides: tuple[Side, ...],
+    base: tuple[Fit, ...],
+    rules: Rules,
+    extra: tuple[Term, ...] = (),
+    without: tuple[str, ...] = (),
+) -> Attribution:
+    """Name the effects by forward selection and backward elimination.
+
+    Parameters
+    ----------
+    sides : tuple of Side
+        Two folds.
+    base : tuple of Fit
+        The model as it is, fitted on each.
+    rules : Rules
+    extra : tuple of Term
+        Effects of the user's own.
+    without : tuple of str
+        Effects left out of the library.
+    """
+    fits, held = base, base
+    named: list[str] = []
+    ambiguous: dict[str, list[str]] = {}
+    first: tuple[Trial, ...] = ()
+    scores: dict[str, float] = {}
+    while len(named) < rules.most:
+        tried, round_scores = _round(sides, fits, held, rules, extra, without)
+        first, scores = (first, scores) if named else (tuple(tried), round_scores)
+        good = [t for t in tried if t.passes(rules) and (not named or _worth(t, base, rules))]
+        if not good:
+            break
+        best = max(good, key=lambda t: t.share)
+        named.append(best.term.name)
+        ambiguous[best.term.name] = [
+            t.term.name for t in good
+            if t is not best and t.share >= (1.0 - rules.margin) * best.share
+        ]
+        fits, held = best.fits, best.held
+    kept, fits, held = _backward(sides, base, fits, held, named)
+    taken = {n: [a for a in ambiguous[n] if a not in kept] for n in kept}
+    return Attribution(base, fits, held, tuple(kept), taken, first, scores, _pvalues(first))
+
+
+def _worth(trial: Trial, base: tuple[Fit, ...], rules: Rules) -> bool:
+    """Whether a further effect removes a material part of the whole gap."""
+    gain = np.mean([b.cost - h.cost for b, h in zip(trial.before, trial.held, strict=True)])
+    gap = np.mean([max(b.cost - 1.0, 0.0) for b in base])
+    return bool(gain > rules.further * gap)
+
+
+def _round(
+    sides: tuple[Side, ...], fits: tuple[Fit, ...], held: tuple[Fit, ...], rules: Rules,
+    extra: tuple[Term, ...], without: tuple[str, ...],
+) -> tuple[list[Trial], dict[str, float]]:
+    """Screen everything, and try the best."""
+    terms = library(fits[0].loop, extra, without)
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(lambda f, s: screen(f, s.response, terms, s.scales), fits, sides))
+    names = [n for n in found[0] if n in found[1]]
+    mean = {n: float(np.mean([f[n].share for f in found])) for n in names}
+    order = sorted(names, key=lambda n: -mean[n])
+    chosen = [n for n in order[: rules.refit] if mean[n] > 0.4 * rules.share]
+    with ThreadPoolExecutor(2) as pool:
+        tasks = [[f[n] for f in found] for n in chosen]
+        return list(pool.map(lambda scores: _trial(sides, fits, held, scores), tasks)), mean
+
+
+def _trial(sides: tuple[Side, ...], fits: tuple[Fit, ...], before: tuple[Fit, ...],
+           scores: list[Score]) -> Trial:
+    new = tuple(_extended(s, f, score) for s, f, score in zip(sides, fits, scores, strict=True))
+    return Trial(scores[0].term, new, frozen(sides, new), fits, before)
+
+
+def frozen(sides: tuple[Side, ...], fits: tuple[Fit, ...]) -> tuple[Fit, ...]:
+    """Tune the base parameters on each fold, with the effects that the other fold found."""
+    return (_retuned(sides[0], fits[1]), _retuned(sides[1], fits[0]))
+
+
+def _retuned(side: Side, fit: Fit) -> Fit:
+    free = [n for n in fit.free if "." not in n or _phase(n)]
+    step = steps(side.fold, fit.loop, side.scales)
+    return gauss_newton(side.fold, fit.loop, fit.values, free, step, iterations=3)
+
+
+def _phase(name: str) -> bool:
+    """Whether a parameter is a nuisance of its record: an encoder is homed anew."""
+    effect, _, parameter = name.partition(".")
+    return effect in PERIODIC and parameter in ("cosine", "sine")
+
+
+def _extended(side: Side, fit: Fit, score: Score) -> Fit:
+    """Fit the model with one more effect, from its best starting values."""
+    best: Fit | None = None
+    for values in _starts(side, fit, score):
+        loop = fit.loop.with_effect(score.term, **values)
+        free = _free(fit, score.term, values)
+        new = gauss_newton(
+            side.fold, loop, loop.values(fit.values), free, steps(side.fold, loop, side.scales)
+        )
+        best = new if best is None or new.cost < best.cost else best
+    assert best is not None
+    return best
+
+
+def _free(fit: Fit, term: Term, values: Mapping[str, float]) -> list[str]:
+    own = [n for n in term.names if n not in FIXED]
+    if term.name == "drive-timing":  # twins: one of the two is enough
+        own = [n for n in own if values[n.partition(".")[2]] != 0.0]
+    return [*fit.free, *own]
+
+
+def _starts(side: Side, fit: Fit, score: Score) -> list[dict[str, float]]:
+    """Return starting values; the multimodal effects get a dense scan."""
+    if score.term.name == "backlash":
+        return [_densest(side, fit, score.term, list(scans(score.term, side.scales)))]
+    if score.term.name == "drive-timing":
+        dt = side.fold.record.dt
+        return [{"delay": 0.5 * dt, "lag": 0.0}, {"delay": 0.0, "lag": 0.5 * dt}]
+    return [score.start]
+
+
+def _densest(side: Side, fit: Fit, term: Term, points: list[dict[str, float]]) -> dict[str, float]:
+    """Return the point of a scan with the least error after a linear step of the base."""
+    Q = np.linalg.qr(fit.J / np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300))[0]
+    loop = fit.loop.with_effect(term, **points[0])
+    prefix = f"{term.name}."
+    values = [{**loop.values(fit.values), **{prefix + k: v for k, v in p.items()}} for p in points]
+    E = np.column_stack([side.fold.error(loop, v) for v in values])
+    rest = np.sum(E**2, axis=0) - np.sum((Q.T @ E) ** 2, axis=0)
+    return points[int(np.argmin(rest))]
+
+
+def _backward(
+    sides: tuple[Side, ...], base: tuple[Fit, ...], fits: tuple[Fit, ...], held: tuple[Fit, ...],
+    named: list[str],
+) -> tuple[list[str], tuple[Fit, ...], tuple[Fit, ...]]:
+    """Drop effects that a later one made superfluous."""
+    for name in list(named[:-1]):
+        fewer = tuple(_without(s, f, name) for s, f in zip(sides, fits, strict=True))
+        judged = frozen(sides, fewer)
+        loss = np.mean([j.cost - h.cost for j, h in zip(judged, held, strict=True)])
+        gap = np.mean([b.cost - h.cost for b, h in zip(base, held, strict=True)])
+        if loss < 0.05 * gap:
+            named, fits, held = [n for n in named if n != name], fewer, judged
+    return named, fits, held
+
+
+def _without(side: Side, fit: Fit, name: str) -> Fit:
+    terms = tuple(t for t in fit.loop.terms if t.name != name)
+    known = {n for t in terms for n in t.names}
+    start = {k: v for k, v in fit.loop.start.items() if k in known}
+    loop: ClosedLoop = replace(fit.loop, terms=terms, start=start)
+    values = {n: v for n, v in fit.values.items() if n in known}
+    free = [n for n in fit.free if n in known]
+    return gauss_newton(side.fold, loop, values, free, steps(side.fold, loop, side.scales))
+
+
+def _t(gain: Array) -> float:
+    """Return the t value of a mean over blocks, with neighbours correlated."""
+    x = gain - gain.mean()
+    n = len(x)
+    variance = (x @ x + 2 * 0.5 * (x[1:] @ x[:-1])) / n
+    return float(gain.mean() / np.sqrt(max(variance, 1e-3 * (x @ x) / n, 1e-300) / n))
+
+
+def _pvalues(trials: tuple[Trial, ...], draws: int = 500) -> dict[str, float]:
+    """Return p values by the bootstrap of the largest t over all that was tried."""
+    if not trials:
+        return {}
+    rng = np.random.default_rng(np.random.SeedSequence(list(b"max-t")))
+    worst = np.zeros(draws)
+    for side in range(2):
+        gains = np.array([t.gains[side] for t in trials])  # (n_trials, n_blocks)
+        centred = gains - gains.mean(axis=1, keepdims=True)
+        signs = rng.choice([-1.0, 1.0], size=(draws, gains.shape[1]))
+        scale = np.maximum(np.sqrt(np.sum(centred**2, axis=1)), 1e-300)
+        worst = np.maximum(worst, np.max(signs @ centred.T / scale, axis=1))
+    return {t.term.name: float(np.mean(worst >= np.min(t.t))) for t in trials}

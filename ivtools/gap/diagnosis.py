@@ -1,0 +1,212 @@
+"""Diagnosis: the answer, for people and for programs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..loop import ClosedLoop
+from ..record import Record
+from ..tables import Text, table
+from .findings import Finding
+from .floor import Floor
+from .locate import Region
+from .parity import Parity
+from .quantify import Shrink
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+VERDICTS = {
+    "adequate": "the model is as good as the measurement is repeatable",
+    "explained": "the named effects close the gap",
+    "partial": "the named effects close part of the gap; a significant part remains",
+    "unexplained": "there is a gap that no known effect explains",
+    "non-repeatable": "the gap comes and goes: something from outside, or a changed setting",
+}
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One effect in the ranking.
+
+    Parameters
+    ----------
+    effect : str
+    closed : float
+        Fraction of the reducible energy of the gap that it closes alone.
+    p_value : float
+        Of no gain on held-out data, corrected for all effects tried; 1 if it was not fitted.
+    held_out : bool
+        Whether `closed` was judged on held-out data; else it is the screening's estimate.
+    replicates : bool
+        Whether it passes the rules for a name.
+    """
+
+    effect: str
+    closed: float
+    p_value: float
+    held_out: bool
+    replicates: bool
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the JSON of the entry."""
+        return {
+            "effect": self.effect, "closed": self.closed, "p_value": self.p_value,
+            "held_out": self.held_out, "replicates": self.replicates,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """Signals for the figures, on the record that judged."""
+
+    record: Record
+    keep: NDArray[np.bool_]
+    measured: Array
+    before: Array
+    after: Array
+    spectra: tuple[Array, Array, Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What a model lacks to be the twin of a measured axis.
+
+    Parameters
+    ----------
+    verdict : str
+        A key of `VERDICTS`.
+    effects : tuple of str
+        What is named.
+    ambiguous_with : mapping
+        Per named effect, those that the data cannot tell from it.
+    parameters : mapping
+        Per named effect, its parameters.
+    block : str or None
+        Block of the loop that it points to.
+    regions : tuple of Region
+        Where the gap sits.
+    shrink : Shrink or None
+        How far it closes; None if the record does not allow a comparison.
+    ranking : tuple of Ranked
+    advice : tuple of str
+    findings : tuple of Finding
+        What a person must look at in the record or the axis file.
+    parity, floors
+        Of each record.
+    loop : ClosedLoop
+        The loop with the named effects.
+    theta : mapping
+        Its parameters.
+    chi : tuple of float
+        Mean square of the whitened error before and after; 1 is the floor.
+    replication : mapping
+        Per parameter of a named effect, its value on either side.
+    """
+
+    verdict: str
+    effects: tuple[str, ...]
+    ambiguous_with: dict[str, list[str]]
+    parameters: dict[str, dict[str, float]]
+    block: str | None
+    regions: tuple[Region, ...]
+    shrink: Shrink | None
+    ranking: tuple[Ranked, ...]
+    advice: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    parity: tuple[Parity, ...]
+    floors: tuple[Floor, ...]
+    loop: ClosedLoop
+    theta: dict[str, float]
+    chi: tuple[float, float]
+    name: str
+    replication: dict[str, tuple[float, float]] = field(default_factory=dict)
+    traces: Traces | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of ``ivtools diagnose``."""
+        return {
+            "verdict": self.verdict,
+            "effects": list(self.effects),
+            "ambiguous_with": {k: list(v) for k, v in self.ambiguous_with.items()},
+            "parameters": self.parameters,
+            "where": {
+                "block": self.block,
+                "regions": [r.to_dict() for r in self.regions],
+                "events": [list(e) for f in self.floors for e in f.events],
+            },
+            "shrink": None if self.shrink is None else self.shrink.to_dict(),
+            "ranking": [r.to_dict() for r in self.ranking],
+            "advice": list(self.advice),
+            "findings": [f.text for f in self.findings],
+            "gap": {"before": _number(self.chi[0]), "after": _number(self.chi[1])},
+            "replication": {k: list(v) for k, v in self.replication.items()},
+        }
+
+    def summary(self) -> Text:
+        """Return the answer as a table."""
+        header = ("effect", "closes alone", "p value", "named")
+        rows = [
+            (r.effect, f"{100 * r.closed:.0f} %", f"{r.p_value:.3f}" if r.held_out else "screened",
+             "yes" if r.effect in self.effects else "replicates" if r.replicates else "")
+            for r in self.ranking[:8]
+        ]
+        return table(f"Diagnosis of {self.name}", self._lines(), header, rows, self._notes())
+
+    def _lines(self) -> list[str]:
+        lines = [f"verdict: {self.verdict} ({VERDICTS[self.verdict]})"]
+        for effect in self.effects:
+            values = ", ".join(f"{k} {v:.4g}" for k, v in self.parameters.get(effect, {}).items())
+            twins = self.ambiguous_with.get(effect, [])
+            other = f"; not told from {', '.join(twins)}" if twins else ""
+            lines.append(f"{effect}: {values}{other}"[:78])
+        if self.block:
+            lines.append(f"block: {self.block}")
+        if self.shrink:
+            s = self.shrink
+            lines.append(
+                f"force error: {s.before:.3g} -> {s.after:.3g} {s.unit} "
+                f"[{s.interval[0]:.3g}, {s.interval[1]:.3g}], floor {s.floor:.3g}, "
+                f"closed {100 * s.closed:.0f} %"
+            )
+        return lines
+
+    def _notes(self) -> list[str]:
+        return [*(f.text for f in self.findings), *self.advice]
+
+    def plot(self) -> Figure:
+        """Return the figure that shows the answer."""
+        from ..plots.gap import gap
+
+        return gap(self)
+
+    def to_html(self, path: str | Path) -> Path:
+        """Write one self-contained page."""
+        from ..plots import gap as figures
+        from ..report import Page, Picture
+
+        page = Page(f"Diagnosis of {self.name}", f"{self.verdict}: {VERDICTS[self.verdict]}.")
+        page.add("The answer", *self._notes(), tables=[self.summary()])
+        if self.traces is not None:
+            pictures = [Picture(n, f(self), c) for n, f, c in figures.SET]
+            page.add("Where, which, how far", figures=pictures)
+        return page.write(path)
+
+    def _repr_html_(self) -> str:
+        return self.summary().html
+
+    def __repr__(self) -> str:
+        named = ", ".join(self.effects) or "none"
+        return f"Diagnosis of {self.name}: {self.verdict}, effects: {named}"
+
+
+def _number(x: float) -> float | None:
+    """Return a number that JSON knows."""
+    return float(x) if np.isfinite(x) else None

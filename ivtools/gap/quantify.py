@@ -1,0 +1,108 @@
+"""Quantify: how far the gap shrinks once the named effects are in the model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..loop import ClosedLoop
+from ..record import Record
+from .fit import Fit
+from .fold import Fold
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """The gap before and after, on data that the effects were not fitted to.
+
+    Parameters
+    ----------
+    unit : str
+        N or N m.
+    before, after : float
+        Force error of the simulation, rms.
+    interval : tuple of float
+        95 % interval of `after`, by a block bootstrap.
+    floor : float
+        What no model could close, rms.
+    held_out : bool
+        Whether another record judged; else blocks of the same one.
+    frozen : float
+        As `after`, with the base parameters frozen as well.
+    signals : mapping
+        (before, after) rms of position, velocity and acceleration.
+    """
+
+    unit: str
+    before: float
+    after: float
+    interval: tuple[float, float]
+    floor: float
+    held_out: bool
+    frozen: float
+    signals: dict[str, tuple[float, float]]
+
+    @property
+    def closed(self) -> float:
+        """Fraction of the reducible gap that is closed."""
+        reducible = self.before - self.floor
+        return float(np.clip((self.before - self.after) / reducible, -1.0, 1.0)) if reducible > 0 else 0.0
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the JSON of the shrink."""
+        return {
+            "signal": "force", "unit": self.unit, "before": self.before, "after": self.after,
+            "interval": list(self.interval), "floor": self.floor, "closed": self.closed,
+            "held_out": self.held_out, "frozen": self.frozen,
+            "signals": {n: {"before": b, "after": a} for n, (b, a) in self.signals.items()},
+        }
+
+
+def quantify(before: Fit, after: Fit, frozen: Fit, floor: float, held_out: bool) -> Shrink:
+    """Measure the gap on the held-out fold, without and with the named effects."""
+    fold = after.fold
+    e0, e1, e2 = (f.fold.force_error(f.loop, f.values)[f.fold.keep] for f in (before, after, frozen))
+    return Shrink(
+        unit="N" if after.loop.joint == "prismatic" else "N m",
+        before=_rms(e0),
+        after=_rms(e1),
+        interval=_interval(e1, fold),
+        floor=min(floor, _rms(e1), _rms(e0)),
+        held_out=held_out,
+        frozen=_rms(e2),
+        signals=_signals(before, after),
+    )
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _interval(e: Array, fold: Fold, draws: int = 1000) -> tuple[float, float]:
+    """Return the 2.5 and 97.5 % quantiles of the rms over resampled blocks."""
+    sums = fold.block_sums(e**2)
+    sizes = fold.block_sums(np.ones(len(e)))
+    rng = np.random.default_rng(np.random.SeedSequence(list(b"blocks")))
+    picked = rng.integers(0, len(sums), size=(draws, len(sums)))
+    rms = np.sqrt(sums[picked].sum(axis=1) / sizes[picked].sum(axis=1))
+    return float(np.quantile(rms, 0.025)), float(np.quantile(rms, 0.975))
+
+
+def _signals(before: Fit, after: Fit) -> dict[str, tuple[float, float]]:
+    record, keep = after.fold.record, after.fold.keep
+    measured = _motion(record, after.loop)
+    runs = [f.fold.simulate(f.loop, f.values).motion for f in (before, after)]
+    return {
+        name: (_rms((m - runs[0][i])[keep]), _rms((m - runs[1][i])[keep]))
+        for i, (name, m) in enumerate(zip(("position", "velocity", "acceleration"), measured, strict=True))
+    }
+
+
+def _motion(record: Record, loop: ClosedLoop) -> tuple[Array, ...]:
+    return tuple(loop.pipeline(record).differentiate(record.q, record.dt))
+
+
