@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
     from ivtools import axes as axes
     from ivtools import datasets as datasets
     from ivtools import errors as errors
+    from ivtools import estimators as estimators
     from ivtools.estimators.least_squares import IDIMLS as IDIMLS
     from ivtools.estimators.least_squares import IDIMWLS as IDIMWLS
     from ivtools.loop import ClosedLoop as ClosedLoop
@@ -28,7 +29,7 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
 
 __version__ = "0.1.0"
 
-_MODULES = ("axes", "datasets", "errors", "plots")
+_MODULES = ("axes", "datasets", "errors", "estimators", "plots")
 _NAMES = {
     "Record": "record",
     "Pipeline": "pipeline",

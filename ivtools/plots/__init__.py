@@ -7,9 +7,10 @@ SVG, PDF or PNG. No function here touches pyplot or its state.
 from __future__ import annotations
 
 from ivtools.plots.force import force
+from ivtools.plots.friction_curve import friction_curve
 from ivtools.plots.parameters import parameters
 from ivtools.plots.residuals import residuals
 from ivtools.plots.simulation import simulation
 from ivtools.plots.style import Sheet, save
 
-__all__ = ["Sheet", "force", "parameters", "residuals", "save", "simulation"]
+__all__ = ["Sheet", "force", "friction_curve", "parameters", "residuals", "save", "simulation"]
