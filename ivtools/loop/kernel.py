@@ -21,7 +21,7 @@ from .integrator import drive_delay, glides, plant_step, rigid_step
 from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW
 
 
-def _cached(signature):
+def _cached(*signature):
     """Compile once per version of the physics, in the user's cache.
 
     Numba notices a change in the compiled function's own file only; the laws live elsewhere, so
@@ -36,7 +36,7 @@ def _cached(signature):
         default = config.CACHE_DIR
         try:
             config.CACHE_DIR = default or platformdirs.user_cache_dir(f"ivtools/kernel-{digest}")
-            return njit(signature, cache=True, nogil=True, error_model="numpy")(function)
+            return njit(*signature, cache=True, nogil=True, error_model="numpy")(function)
         finally:
             config.CACHE_DIR = default
 
@@ -180,3 +180,9 @@ def run(
             )
             q, v = x[0], x[1]
         out[2, k] = a
+
+
+@_cached()
+def axis_step(x, force, old, new, part, slope, disturbance, t, dt, n, p, on, user):
+    """Do as `plant_step`, called from Python: compiled when first used, then cached too."""
+    return plant_step(x, force, old, new, part, slope, disturbance, t, dt, n, p, on, user)

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .engine import effective_controller, plant
-from .integrator import drive_delay, plant_step
-from .kernel import measure
+from .integrator import drive_delay
+from .kernel import axis_step, measure
 
 if TYPE_CHECKING:
     from .closed_loop import ClosedLoop
@@ -100,7 +100,7 @@ def _axis_block(
             nu(u),
             *x[7:],
         ]  # newest first; the plant is driven by what was sent `whole` ago
-        state, force, _ = plant_step(
+        state, force, _ = axis_step(
             tuple(x[:5]),
             x[5],
             line[-1],
