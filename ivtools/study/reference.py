@@ -223,7 +223,8 @@ def _moves(
     """
     limits = [(s, min(v, np.sqrt(s * acceleration))) for s, v in zip(strokes, speeds, strict=True)]
     moves = [(speed, speed / acceleration, stroke / speed) for stroke, speed in limits]
-    made, end = [], 0.0
+    made: list[tuple[float, float, float, float]] = []
+    end = 0.0
     for speed, ramp, cruise in cycle(moves):
         if made and end + 2.0 * (ramp + cruise) > t[-1]:
             break
