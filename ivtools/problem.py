@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .errors import EstimationError, ShapeError
 from .linalg import solve_iv
 from .loop import ClosedLoop, Simulation
-from .loop.closed_loop import Theta
+from .loop.model import Theta
 from .pipeline import Motion, Pipeline
 from .record import Record
 

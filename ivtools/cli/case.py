@@ -38,8 +38,7 @@ def load(
 
     loop = load_axis(axis or _own_axis(record))
     found = datasets.load(record, data, None if record in datasets.REGISTRY else loop.columns)
-    if loop.controller.kind == "identify" and hasattr(loop, "identify_controller"):
-        loop = loop.identify_controller(found)
+    loop = loop.known(found)
     for doubt in doubts(found, loop):
         warnings.warn(f"{found.name}: {doubt}", RecordWarning, stacklevel=2)
     return found, with_friction(loop, friction)

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ..columns import SIGNALS
 from ..errors import AxisError
+from ..physics import TERMS
 from .closed_loop import ClosedLoop
 from .controllers import KINDS, Controller
 
@@ -36,7 +42,7 @@ def read(path: str | Path) -> ClosedLoop:
         raise AxisError(
             f"axis file {path}: {error.strerror or error}; give the path of a TOML file"
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, not a path
         raise AxisError(f"axis file {path} is not TOML: {error}") from error
     try:
         return from_tables(tables)
@@ -53,20 +59,21 @@ def from_tables(tables: Mapping[str, Any]) -> ClosedLoop:
     if not (isinstance(terms, list) and terms and all(isinstance(t, str) for t in terms)):
         raise AxisError(f"[model] terms = {terms!r}; give a list of term names")
     start = _mapping("model.start", model.get("start", {}))
+    columns = _mapping("record.columns", tables.get("record", {}).get("columns", {}))
+    for key in columns:
+        if key.rstrip("0123456789") not in ("t", *SIGNALS):
+            raise AxisError(
+                f"[record.columns] {key!r} is not a signal; known: t, {', '.join(SIGNALS)}"
+            )
     return ClosedLoop(
         controller=_controller(tables["controller"]),
         gain=_number("drive", "gain", drive["gain"]),
         terms=tuple(terms),
-        name=str(axis.get("name", "axis")),
-        joint=axis.get("joint", "prismatic"),
+        name=_text("axis", "name", axis.get("name", "axis")),
+        joint=_text("axis", "joint", axis.get("joint", "prismatic")),
         delay=_number("drive", "delay", drive.get("delay", 0.0)),
         start={key: _number("model.start", key, value) for key, value in start.items()},
-        columns={
-            str(k): str(v)
-            for k, v in _mapping(
-                "record.columns", tables.get("record", {}).get("columns", {})
-            ).items()
-        },
+        columns={key: _text("record.columns", key, value) for key, value in columns.items()},
     )
 
 
@@ -115,4 +122,59 @@ def _mapping(name: str, value: Any) -> Mapping[str, Any]:
 def _number(table: str, key: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise AxisError(f"[{table}] {key} = {value!r} is not a number")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise AxisError(f"[{table}] {key} is too large for a number") from error
+
+
+def _text(table: str, key: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise AxisError(f"[{table}] {key} = {value!r} is not a text; put it in quotes")
+    return value
+
+
+def write(loop: ClosedLoop) -> str:
+    """Return the axis file of a loop; see `ClosedLoop.to_toml`."""
+    controller = loop.controller
+    for term in loop.terms:
+        if TERMS.get(term.name) is not term:
+            raise AxisError(f"{term.name} is a term of your own; an axis file cannot hold it")
+    settings = {
+        "kind": controller.kind,
+        **{k: np.asarray(v, dtype=float).tolist() for k, v in controller.settings.items()},
+        "velocity_filter": list(controller.velocity_filter),
+        "delay": controller.delay,
+        "limit": controller.limit,
+    }
+    tables: dict[str, Mapping[str, Any]] = {
+        "axis": {"name": loop.name, "joint": loop.joint},
+        "record.columns": loop.columns,
+        "controller": settings,
+        "drive": {"gain": loop.gain, "delay": loop.delay},
+        "model": {"terms": [term.name for term in loop.terms]},
+        "model.start": loop.start,
+    }
+    blocks = [
+        "\n".join([f"[{name}]", *(f"{_key(k)} = {_toml(v)}" for k, v in content.items())])
+        for name, content in tables.items()
+        if content
+    ]
+    notes = "\n".join(f"# {note}" for note in loop.notes)
+    return "\n\n".join([notes] * bool(notes) + blocks) + "\n"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value) if isinstance(value, int) else repr(float(value))
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _quoted(name)
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -4,30 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import ceil, isfinite
+from math import isfinite, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
+from weakref import WeakKeyDictionary
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..errors import AxisError, RecordError, ShapeError
-from ..physics import Parameter, Term, find
-from ..pipeline import Motion, Pipeline
+from ..errors import AxisError, RecordError
+from ..physics import Term, find
+from ..pipeline import Pipeline
 from ..record import Record
 from .controllers import Controller
+from .model import Array, Model, Theta
 from .simulation import Simulation
 
 if TYPE_CHECKING:
     import control
 
-Array = NDArray[np.float64]
-Theta = Mapping[str, float] | ArrayLike
+    from .controller_fit import ControllerFit
+
+_LONGEST_DELAY = 10.0  # s; what is longer is a slip of the unit
 Initial = Literal["record", "rest"] | tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class ClosedLoop:
+class ClosedLoop(Model):
     """An axis and its controller: what can be identified, and simulated.
 
     Parameters
@@ -47,6 +49,8 @@ class ClosedLoop:
         Starting values of parameters, and values of shape parameters, by full name.
     columns : mapping
         Names of the columns of a record file, ``{"q": "position"}``.
+    notes : tuple of str
+        What to say with every result, such as where the controller comes from.
 
     Raises
     ------
@@ -71,6 +75,7 @@ class ClosedLoop:
     delay: float = 0.0
     start: Mapping[str, float] = field(default_factory=dict)
     columns: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", find(self.terms))
@@ -82,12 +87,16 @@ class ClosedLoop:
             raise AxisError(f"joint is {self.joint!r}; it is 'prismatic' or 'revolute'")
         if not (isfinite(self.gain) and self.gain != 0.0):
             raise AxisError(f"drive gain is {self.gain}; it must be finite and not 0")
-        if not (isfinite(self.delay) and self.delay >= 0.0):
-            raise AxisError(f"drive delay is {self.delay} s; it must be finite and not negative")
+        if not 0.0 <= self.delay <= _LONGEST_DELAY:
+            raise AxisError(
+                f"drive delay is {self.delay} s; it lies between 0 and {_LONGEST_DELAY} s"
+            )
         for key in self.start:
             if key not in self.parameters:
                 known = ", ".join(self.parameters)
                 raise AxisError(f"start value {key!r} is not a parameter; parameters: {known}")
+            if isnan(self.start[key]):
+                raise AxisError(f"start value {key} is nan; give a number")
 
     @classmethod
     def from_file(cls, path: str | Path) -> ClosedLoop:
@@ -102,75 +111,26 @@ class ClosedLoop:
 
         return read(path)
 
-    # --- parameters -------------------------------------------------------------------------
-
-    @property
-    def parameters(self) -> dict[str, Parameter]:
-        """Every parameter by its full name."""
-        return {n: p for t in self.terms for n, p in zip(t.names, t.parameters, strict=True)}
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns of the observation matrix: what the force is linear in."""
-        return tuple(
-            n
-            for t in self.terms
-            if t.law is not None
-            for n, p in zip(t.names, t.parameters, strict=True)
-            if p.linear
-        )
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Unit of every parameter."""
-        return {name: p.unit_for(self.joint) for name, p in self.parameters.items()}
-
-    def values(self, theta: Theta | None = None) -> dict[str, float]:
-        """Return the value of every parameter.
-
-        Parameters
-        ----------
-        theta : mapping, Series or array_like, optional
-            Values by name, or in the order of `names`. What it lacks comes from `start`; the
-            parameters of an effect, and shape parameters, may also keep their neutral values.
+    def to_toml(self) -> str:
+        """Return the axis file of this loop, such as one whose controller was identified.
 
         Raises
         ------
         AxisError
-            If a name is unknown, a value missing or not finite.
-        ShapeError
-            If an array has the wrong length.
-        """
-        if theta is None:
-            given: dict[str, float] = {}
-        elif hasattr(theta, "items"):
-            given = {str(k): float(v) for k, v in theta.items()}
-        else:
-            array = np.ravel(np.asarray(theta, dtype=float))
-            if len(array) != len(self.names):
-                raise ShapeError(
-                    f"theta has {len(array)} values and the model {len(self.names)} parameters: "
-                    f"{', '.join(self.names)}"
-                )
-            given = dict(zip(self.names, array.tolist(), strict=True))
-        for key, value in given.items():
-            if key not in self.parameters:
-                known = ", ".join(self.parameters)
-                raise AxisError(f"parameter {key!r} is not in the model, whose are: {known}")
-            if not isfinite(value):
-                raise AxisError(f"parameter {key} is {value}; it must be finite")
-        return {n: self._value(n, p, given) for n, p in self.parameters.items()}
+            If the model has a term of your own, which a file cannot hold.
 
-    def _value(self, name: str, parameter: Parameter, given: Mapping[str, float]) -> float:
-        if name in given:
-            return given[name]
-        if name in self.start:
-            return float(self.start[name])
-        if name in self.names and any(t.base and name in t.names for t in self.terms):
-            raise AxisError(
-                f"parameter {name!r} has no value; give theta, or a starting value in [model.start]"
-            )
-        return parameter.neutral
+        Examples
+        --------
+        >>> import ivtools as iv
+        >>> print(iv.axes.emps().to_toml()[:22])
+        [axis]
+        name = "EMPS"
+        """
+        from .axis_file import write
+
+        return write(self)
+
+    # --- the model -----------------------------------------------------------------------------
 
     def with_terms(self, *terms: str | Term) -> ClosedLoop:
         """Return this loop with another model; starting values that still apply are kept."""
@@ -205,7 +165,7 @@ class ClosedLoop:
         start = {**self.start, **{names[k]: float(v) for k, v in values.items()}}
         return replace(self, terms=(*self.terms, term), start=start)
 
-    # --- the inverse dynamic model ------------------------------------------------------------
+    # --- signals ------------------------------------------------------------------------------
 
     def force(self, record: Record) -> Array:
         """Return the measured force, N or N m, (n_samples, n_joints): tau, or gain times nu."""
@@ -219,23 +179,54 @@ class ClosedLoop:
         """Return the recorded command, (n_samples, n_joints): nu, or tau over the gain."""
         return record.nu if record.nu is not None else self.force(record) / self.gain
 
-    def regressor(self, motion: Motion, tau: ArrayLike = 0.0, t: ArrayLike = 0.0) -> Array:
-        """Return the observation matrix along a trajectory, (n_samples, n_parameters).
+    # --- the controller, from a record ----------------------------------------------------------
 
-        Parameters
-        ----------
-        motion : Motion
-            Position, velocity, acceleration of the joint.
-        tau, t : array_like, optional
-            Drive force and time, for terms that depend on them.
+    def identify_controller(self, record: Record) -> tuple[ClosedLoop, ControllerFit]:
+        """Fit the control law to a record.
+
+        The command is regressed on reference, reference velocity and present and past positions,
+        for every structure (cascade-pd, pd, p-velocity; velocity filters of 1 to 3 taps; delays of
+        0 to 3 samples); samples at the limit are left out. The structure is the one with the
+        least log residual power plus a price per setting: a setting more must remove a fifth of
+        the residual, however long the record.
+
+        Returns
+        -------
+        loop : ClosedLoop
+            This loop with that controller; its `notes` say how certain it is.
+        report : ControllerFit
+            Gains with standard errors, residual, and the structures tried.
+
+        Raises
+        ------
+        RecordError
+            If the record has no position reference, or too few samples below the limit.
+
+        Examples
+        --------
+        >>> import ivtools as iv
+        >>> loop, report = iv.axes.emps().identify_controller(iv.datasets.twin())
+        >>> loop.controller.kind, round(report.estimates["kp"], 1)
+        ('cascade-pd', 160.2)
         """
-        q, dq, ddq = (np.ravel(a) for a in motion)
-        blocks = [
-            term.columns(q, dq, ddq, np.ravel(tau), np.ravel(t), self.start)
-            for term in self.terms
-            if term.law is not None
-        ]
-        return np.hstack(blocks)
+        from .controller_fit import identify
+
+        report = identify(self, record)
+        return replace(self, controller=report.controller, notes=(*self.notes, report.note)), report
+
+    def known(self, record: Record) -> ClosedLoop:
+        """Return this loop, or, if its controller is to be identified, the loop fitted to a record.
+
+        The fit is made once per loop and record.
+        """
+        if self.controller.kind != "identify":
+            return self
+        found = _IDENTIFIED.setdefault(record, {})
+        key = (self.gain, self.controller.limit)
+        if key not in found:
+            found[key] = self.identify_controller(record)[1]
+        fit = found[key]
+        return replace(self, controller=fit.controller, notes=(*self.notes, fit.note))
 
     # --- the closed loop ------------------------------------------------------------------------
 
@@ -289,7 +280,7 @@ class ClosedLoop:
         from .engine import simulate
 
         return simulate(
-            self,
+            self.known(record),
             record,
             self.values(theta),
             initial=initial,
@@ -328,11 +319,6 @@ class ClosedLoop:
 
         return system(self, self.values(theta), dt, substeps or self.substeps)
 
-    @property
-    def substeps(self) -> int:
-        """Integration steps per sample that the terms need."""
-        return max(term.substeps for term in self.terms)
-
     def natural_frequency_hz(self, dt: float, inertia: float | None = None) -> float:
         """Return the natural frequency of the loop's dominant mode, Hz.
 
@@ -357,8 +343,10 @@ class ClosedLoop:
         The natural frequency is taken to one significant digit, as the EMPS report does, then its
         rules apply: cut-off at 5 times, decimation to 2 times that frequency.
         """
+        from .mode import rough_inertia
+
         inertia = self.start.get("inertia") or rough_inertia(self, record)
-        natural = self.natural_frequency_hz(record.dt, inertia)
+        natural = self.known(record).natural_frequency_hz(record.dt, inertia)
         if not natural > 0.0:
             raise AxisError(
                 "the closed loop has no mode of its own; check the controller's gains, or give a "
@@ -367,23 +355,6 @@ class ClosedLoop:
         return Pipeline.from_bandwidth(float(f"{natural:.0e}"), record.sampling_hz, **settings)
 
 
-def rough_inertia(loop: ClosedLoop, record: Record) -> float:
-    """Return a first guess of the inertia from the record alone, kg or kg m2.
-
-    The filters need a bandwidth before anything is identified; a least-squares fit behind a
-    low-pass at a fiftieth of the sampling rate is enough for one significant digit of it.
-    """
-    from ..linalg import solve_iv
-
-    width = max(10, ceil(50 / 5))
-    pipeline = Pipeline(record.sampling_hz / 50.0, width, trim=(5 * width, 5 * width))
-    motion = pipeline.differentiate(record.q, record.dt)
-    rigid = loop.with_terms("inertia", "viscous", "coulomb", "offset")
-    rows = pipeline.rows(np.hstack([rigid.regressor(motion), loop.force(record)]))
-    inertia = float(solve_iv(rows[:, :-1], rows[:, -1])[0])
-    if not inertia > 0.0:
-        raise AxisError(
-            f"the record suggests an inertia of {inertia:.3g}; check units and the sign of the "
-            "command, or give [model.start] inertia in the axis file"
-        )
-    return inertia
+_IDENTIFIED: WeakKeyDictionary[Record, dict[tuple[float, float], ControllerFit]] = (
+    WeakKeyDictionary()
+)

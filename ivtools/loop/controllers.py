@@ -138,8 +138,8 @@ class Controller:
     kind : str
         ``"cascade-pd"``: nu = kv (kp (q_ref - q) - dq); ``"pd"``: nu = kp (q_ref - q)
         + kd (dq_ref - dq); ``"p-velocity"``: nu = kv (dq_ref - dq); ``"state-space"``: matrices
-        with inputs (q_ref, q) at the sampling rate; ``"identify"``: any of the first two, fitted
-        from a record.
+        with inputs (q_ref, q) at the sampling rate; ``"identify"``: any of the first three, fitted
+        from a record by `ClosedLoop.identify_controller`.
     settings : mapping
         The gains of that kind.
     velocity_filter : tuple of float
@@ -168,12 +168,10 @@ class Controller:
     mismatch: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.kind == "identify":
-            return
-        if self.kind not in KINDS:
+        if self.kind not in (*KINDS, "identify"):
             known = ", ".join([*KINDS, "identify"])
             raise AxisError(f"controller kind {self.kind!r} is not known; known kinds: {known}")
-        needs = KINDS[self.kind].needs
+        needs = KINDS[self.kind].needs if self.kind in KINDS else ()
         for key in needs:
             if key not in self.settings:
                 raise AxisError(
@@ -183,14 +181,18 @@ class Controller:
             if key not in needs:
                 known = ", ".join(sorted({*needs, *_COMMON}))
                 raise AxisError(f"controller {self.kind} does not know {key!r}; it knows: {known}")
-            _finite(key, value)
+            _finite(key, value, scalar=self.kind != "state-space")
         if not self.velocity_filter:
             raise AxisError("velocity_filter is empty; [1.0] is the filter that changes nothing")
-        _finite("velocity_filter", self.velocity_filter)
-        if not (isinstance(self.delay, int) and 0 <= self.delay <= 1000):
+        for weight in self.velocity_filter:
+            _finite("velocity_filter", weight, scalar=True)
+        whole = isinstance(self.delay, int) and not isinstance(self.delay, bool)
+        if not (whole and 0 <= self.delay <= 1000):
             raise AxisError(f"delay is {self.delay!r}; it counts whole samples, 0 to 1000")
         if not self.limit > 0:
             raise AxisError(f"limit is {self.limit!r}; the command is clipped to +- limit > 0")
+        if self.kind == "state-space":
+            self.law(1.0)  # its matrices must fit each other
 
     def law(self, dt: float) -> LinearLaw:
         """Return the linear law at the sampling step dt (s).
@@ -250,10 +252,13 @@ class Controller:
         return replace(self, settings=s)
 
 
-def _finite(key: str, value: Any) -> None:
+def _finite(key: str, value: Any, scalar: bool = False) -> None:
     try:
-        good = bool(np.all(np.isfinite(np.asarray(value, dtype=float))))
+        array = np.asarray(value)
+        good = array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
     except (TypeError, ValueError):
         good = False
     if not good:
         raise AxisError(f"controller setting {key} = {value!r} is not a finite number")
+    if scalar and array.ndim:
+        raise AxisError(f"controller setting {key} = {value!r} is a list; give one number")

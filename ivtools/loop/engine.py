@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_LONGEST_DELAY = 10.0  # s
 _START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
 
 
@@ -46,7 +47,8 @@ def plant(
     Raises
     ------
     AxisError
-        If the model has no inertia, it is not positive, or own terms have too many parameters.
+        If the model has no inertia, it is not positive, own terms have too many parameters, or
+        the drive's delay is absurd.
     """
     if not values.get("inertia", 0.0) > 0.0:
         raise AxisError(
@@ -66,6 +68,11 @@ def plant(
     for name, value in zip(mechanics.OWN, own, strict=False):
         p[name] = value
     on["own"] = bool(mine)
+    late = p["delay"] + p["drive-timing.delay"]
+    if not 0.0 <= late <= _LONGEST_DELAY:
+        raise AxisError(
+            f"the drive's delay is {late:g} s; it lies between 0 and {_LONGEST_DELAY} s"
+        )
     on["laws"] = sum(mechanics.BITS.get(t.name, 0) for t in loop.terms if t not in mine)
     on["presliding"] &= bool(np.isfinite(p["presliding.stiffness"]))
     on["sign"] = not stiction
@@ -101,6 +108,9 @@ def simulate(
         raise ShapeError(f"the record has {record.n_joints} joints; a loop simulates one")
     if record.q_ref is None:
         raise RecordError("q_ref is missing; the closed loop is driven by the position reference")
+    steps = loop.substeps if substeps is None else substeps
+    if steps < 1:
+        raise AxisError(f"substeps is {steps}; it counts the integration steps per sample")
     n, dt = record.n_samples, record.dt
     controller = effective_controller(loop, values)
     law = controller.law(dt)
@@ -111,7 +121,7 @@ def simulate(
     out = np.empty((4, n))
     kernel.run(
         dt,
-        substeps or loop.substeps,
+        steps,
         q_ref,
         dq_ref,
         added * (1.0 + values.get("controller-mismatch.added", 0.0)),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import control
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .engine import effective_controller, plant
 from .integrator import drive_delay
@@ -62,7 +62,7 @@ def _controller_block(
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
         state = law.A @ x[past : past + inner] + law.B @ u[[0, 2]]
-        line = np.append(x[past + inner :], value(x, u))[-delay:] if delay else []
+        line: ArrayLike = np.append(x[past + inner :], value(x, u))[-delay:] if delay else []
         return np.concatenate([u[2:], x[:past], state, line])[_drop(past, inner, delay)]
 
     def output(t: float, x: Array, u: Array, params: Any) -> Array:
@@ -96,7 +96,7 @@ def _axis_block(
         return float(np.clip(u[0], -limit, limit) + added_gain * u[1])
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
-        line = [
+        line: list[float] = [
             nu(u),
             *x[7:],
         ]  # newest first; the plant is driven by what was sent `whole` ago
