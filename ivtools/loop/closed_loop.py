@@ -122,9 +122,8 @@ class ClosedLoop(Model):
         Examples
         --------
         >>> import ivtools as iv
-        >>> print(iv.axes.emps().to_toml()[:22])
-        [axis]
-        name = "EMPS"
+        >>> iv.axes.emps().to_toml().splitlines()[:2]
+        ['[axis]', 'name = "EMPS"']
         """
         from .axis_file import write
 
