@@ -1,0 +1,173 @@
+"""Transfer functions: filters, recovery, closed loop, structures, the report's cases."""
+
+import warnings
+
+import control
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from ivtools import axes
+from ivtools.errors import ConvergenceWarning, EstimationError, RecordError
+from ivtools.estimators.continuous import close_loop, derivatives, reflect, respond
+from ivtools.estimators.structure import search_structures
+from ivtools.estimators.toolboxes import report_cases
+from ivtools.estimators.transfer_function import CLSRIVC, RIVC, SRIVC
+from ivtools.problem import Problem
+from ivtools.record import Record
+
+DT, N = 1e-3, 8000
+COLOUR = (1.0, -0.9998)  # a position that drifts
+
+
+@pytest.fixture(autouse=True)
+def _strict():
+    """No method may fail to converge unnoticed."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ConvergenceWarning)
+        yield
+
+
+def steps(seed=0, n=N, every=150):
+    """A command that changes level at random."""
+    rng = np.random.default_rng(seed)
+    return np.repeat(rng.normal(0.0, 1.0, n // every + 1), every)[:n]
+
+
+def open_loop(B, A, noise=0.0, seed=0, colour=(1.0,), u=None) -> Problem:
+    """A problem whose position is B/A of its command."""
+    u = steps(seed) if u is None else u
+    rng = np.random.default_rng(seed + 100)
+    q = respond(B, A, u, DT) + lfilter([1.0], colour, noise * rng.standard_normal(len(u)))
+    record = Record(np.arange(len(u)) * DT, q, q_ref=u, nu=u)
+    return Problem(record, axes.emps())
+
+
+def closed_loop(seed, n=N, noise=2e-4) -> Problem:
+    """A linear axis under the EMPS controller, with a coloured disturbance of its position."""
+    loop = axes.emps()
+    law = loop.controller.law(DT)
+    r = np.cumsum(steps(seed, n)) * DT * 0.1
+    white = np.random.default_rng(seed).standard_normal(n)
+    d = lfilter([noise], [1.0, -0.95], white)
+    # the loop is linear: a disturbance of the output acts like a reference of the feedback alone
+    A, B = [1.0, 4.0, 0.0], [0.37]
+    q0, nu0 = close_loop(B, A, law.gains, law.taps, 1, r, np.gradient(r, DT), DT)
+    feedback = np.convolve(d, law.taps)[:n]
+    q1, nu1 = close_loop(B, A, np.array([1.0, 0.0]), law.taps, 1, feedback, 0.0 * r, DT)
+    return Problem(Record(np.arange(n) * DT, q0 + q1 + d, q_ref=r, nu=nu0 + nu1), loop)
+
+
+def test_filters_are_those_of_python_control():
+    t, u = np.arange(3000) * DT, steps(1, 3000)
+    A = [1.0, 90.0, 1.2e4, 3e5]
+    columns = derivatives(u, A, DT, "foh")
+    for power in range(3):
+        numerator = [1.0] + [0.0] * power
+        response = control.forced_response(control.tf(numerator, A), t, u).outputs
+        np.testing.assert_allclose(columns[:, power], response, atol=1e-9 * abs(response).max())
+    np.testing.assert_allclose(columns @ A[::-1], u, atol=1e-9)
+
+
+def test_unstable_roots_are_reflected():
+    A = np.poly([3.0, -1.0, 2.0 + 5.0j, 2.0 - 5.0j]).real
+    expected = [-3.0, -2.0 - 5.0j, -2.0 + 5.0j, -1.0]
+    np.testing.assert_allclose(np.sort_complex(np.roots(reflect(A))), expected, atol=1e-9)
+    assert np.roots(reflect([1.0, 0.0], least=0.5)) == pytest.approx([-0.5])
+
+
+@pytest.mark.parametrize("method", [SRIVC, RIVC])
+def test_a_record_without_noise_gives_the_coefficients(method):
+    fit = method(poles=2, zeros=1).fit(open_loop([3.0, 200.0], [1.0, 12.0, 150.0]))
+    np.testing.assert_allclose(fit.params, [12.0, 150.0, 3.0, 200.0, 0.0], rtol=1e-3, atol=0.05)
+    assert fit.r2 > 0.99999 and fit.relative_error < 0.1
+
+
+def test_an_integrator_and_a_constant_input_are_found():
+    u = steps(2)
+    problem = open_loop([0.37], [1.0, 4.0, 0.0], u=u - u.mean() + 0.5)
+    shifted = problem.record.replace(nu=u - u.mean(), q=problem.record.q + 0.2)
+    fit = SRIVC(poles=2, zeros=0, integrators=1).fit(Problem(shifted, problem.loop))
+    np.testing.assert_allclose(fit.params, [4.0, 0.37, 0.185], rtol=2e-3)
+    assert fit.A[-1] == 0.0 and np.abs(fit.resids).max() < 1e-3
+    assert sorted(np.abs(fit.system.poles())) == pytest.approx([0.0, 4.0], rel=2e-3)
+
+
+def test_results_are_python_control_systems():
+    fit = SRIVC(poles=2, zeros=0).fit(open_loop([200.0], [1.0, 12.0, 150.0]))
+    system = fit.system
+    assert system.input_labels == ["nu"] and system.output_labels == ["q"]
+    assert control.dcgain(system) == pytest.approx(200.0 / 150.0, rel=1e-3)
+    mine = fit.simulate(np.ones(500), DT)
+    theirs = control.forced_response(system, np.arange(500) * DT, np.ones(500)).outputs
+    np.testing.assert_allclose(mine, theirs, atol=2e-3)
+    assert "SRIVC transfer function" in fit.summary() and "R_T^2" in fit._repr_html_()
+    assert "relative error" in repr(fit)
+
+
+def test_a_noise_model_makes_the_estimate_more_accurate():
+    simple, refined = [], []
+    for seed in range(6):
+        problem = open_loop([200.0], [1.0, 12.0, 150.0], 0.01, seed, colour=COLOUR)
+        simple.append(SRIVC(poles=2).fit(problem).params)
+        refined.append(RIVC(poles=2).fit(problem).params)
+    true = np.array([12.0, 150.0, 200.0, 0.0])
+    errors = [np.sqrt(np.mean((np.array(p) - true) ** 2, axis=0))[:3] for p in (simple, refined)]
+    assert np.all(errors[1] < 0.6 * errors[0])
+
+
+def test_instruments_of_the_reference_are_consistent_in_closed_loop():
+    plain, closed = [], []
+    for seed in range(5):
+        problem = closed_loop(seed)
+        plain.append(SRIVC(poles=2, integrators=1).fit(problem).params)
+        closed.append(CLSRIVC(poles=2, integrators=1).fit(problem).params)
+    error = [np.mean(np.array(p)[:, :2], axis=0) / [4.0, 0.37] - 1.0 for p in (plain, closed)]
+    assert np.all(np.abs(error[1]) < 0.05)
+    assert np.all(np.abs(error[1]) < np.abs(error[0]))
+
+
+@pytest.mark.slow
+def test_closed_loop_estimates_are_unbiased():
+    found = np.array(
+        [CLSRIVC(poles=2, integrators=1).fit(closed_loop(seed)).params for seed in range(60)]
+    )[:, :2]
+    bias = found.mean(axis=0) - [4.0, 0.37]
+    assert np.all(np.abs(bias) < 3.0 * found.std(axis=0) / np.sqrt(60))
+
+
+def test_the_search_finds_the_structure():
+    problem = open_loop([3.0, 200.0], [1.0, 12.0, 150.0], 0.01)
+    found = search_structures(problem, criterion="bic", integrators=[0])
+    frame = found.frame()
+    assert (frame.loc[0, "poles"], frame.loc[0, "zeros"]) == (2, 1)
+    assert len(frame) == 6 and {"yic", "r2", "aic", "bic"} <= set(frame)
+    assert "SRIVC structures, nu to q" in found.summary() and found._repr_html_()
+    with pytest.raises(EstimationError, match="criterion 'best' is unknown"):
+        search_structures(problem, criterion="best")
+
+
+def test_the_report_cases(emps):
+    figures = report_cases(emps)
+    # printed: 74.6 %, 0.5; 47.3 %, 0.8 (a better fit exists); 0.005 %, 1.0
+    assert figures["command to position", "relative error"] == pytest.approx(74.6, rel=0.05)
+    assert round(figures["command to position", "R_T^2"], 1) == 0.5
+    assert figures["command to velocity", "relative error"] < 47.3
+    assert figures["command to velocity", "R_T^2"] > 0.8
+    assert round(figures["reference to position", "relative error"], 3) == 0.005
+    assert round(figures["reference to position", "R_T^2"], 1) == 1.0
+
+
+def test_bad_input_is_refused():
+    with pytest.raises(EstimationError, match="poles = 0"):
+        SRIVC(poles=0)
+    with pytest.raises(EstimationError, match="zeros = 2 must be 0 to 1"):
+        SRIVC(poles=2, zeros=2)
+    with pytest.raises(EstimationError, match="integrators = 3"):
+        SRIVC(poles=2, integrators=3)
+    with pytest.raises(EstimationError, match="it models the plant inside its loop"):
+        CLSRIVC(input="q_ref")
+    problem = open_loop([200.0], [1.0, 12.0, 150.0])
+    without = Problem(problem.record.replace(q_ref=None), problem.loop, problem.pipeline)
+    with pytest.raises(RecordError, match="no q_ref"):
+        SRIVC(input="q_ref").fit(without)
