@@ -70,7 +70,7 @@ def test_published_asymmetric_estimate(emps):
 
 
 def test_instruments_must_be_filtered_as_the_regressor_is(emps):
-    """A cut-off that bites: unfiltered instruments move the inertia by 3 %, filtered ones do not."""
+    """At a cut-off that bites, unfiltered instruments move the inertia by 3 %."""
     problem = iv.Problem(emps, iv.axes.emps(), replace(REPORT, cutoff_hz=20.0))
     unfiltered, filtered = IDIMIV(filtered=False).fit(problem), IDIMIV().fit(problem)
     compensated = IDIMBCIV().fit(problem)
