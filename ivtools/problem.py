@@ -85,6 +85,11 @@ class Problem:
         """Unit of each parameter."""
         return self.loop.units
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the loop says about itself, such as that its controller was identified."""
+        return self.loop.notes
+
     @cached_property
     def motion(self) -> Motion:
         """Band-passed position, velocity and acceleration of the record, (n_samples, 1) each."""

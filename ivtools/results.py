@@ -221,7 +221,7 @@ class FitResults:
         if problem is not None:
             names = problem.names if names is None else names
             units = problem.units if units is None else units
-            status["notes"] = (*status.get("notes", ()), *problem.loop.notes)
+            status["notes"] = (*status.get("notes", ()), *getattr(problem, "notes", ()))
         index = pd.Index(list(names or range(X.shape[1])))
         if isinstance(units, Mapping):
             units = [units[name] for name in index]

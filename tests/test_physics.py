@@ -1,0 +1,81 @@
+"""One physical effect, one place: columns, force and table agree."""
+
+import numpy as np
+import pytest
+
+from ivtools import axes
+from ivtools.errors import AxisError
+from ivtools.physics import EFFECTS, TERMS, Parameter, Term, find
+
+RNG = np.random.default_rng(2)
+N = 400
+Q, DQ, DDQ = RNG.normal(0.0, [[0.1], [0.1], [1.0]], (3, N))
+TAU, T = RNG.normal(0.0, 30.0, N), np.arange(N) * 1e-3
+LAWS = [term for term in TERMS.values() if term.law is not None]
+DOCUMENTED = """asymmetric-viscous stribeck presliding polynomial-viscous sqrt-viscous
+    position-friction load-friction friction-drift offset-drift spring cogging torque-ripple
+    flexibility backlash drive-timing saturation drive-asymmetry dead-zone encoder-eccentricity
+    controller-mismatch disturbance""".split()
+
+
+@pytest.mark.parametrize("term", LAWS, ids=lambda term: term.name)
+def test_columns_times_parameters_are_the_force(term):
+    values = {name: value for name, value in zip(term.names, RNG.uniform(0.5, 2.0, 9), strict=False)}
+    linear = [n for n, p in zip(term.names, term.parameters, strict=True) if p.linear]
+    force = term.force(Q, DQ, DDQ, values.values(), TAU, T)
+    columns = term.columns(Q, DQ, DDQ, TAU, T, values)
+    assert columns.shape == (N, len(linear))
+    if linear:
+        theta = [values[name] for name in linear]
+        assert columns @ theta == pytest.approx(force, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("term", LAWS, ids=lambda term: term.name)
+def test_dry_friction_only_ever_opposes_the_motion(term):
+    """At standstill a law knows the direction from its sign, and the force changes with it."""
+    values = [p.neutral if not p.linear else 1.0 for p in term.parameters]
+    ahead, back = (float(np.squeeze(term.law(0.01, 0.0, 0.0, s, 2.0, 1.0, *values))) for s in (1, -1))
+    assert ahead >= back
+
+
+def test_every_documented_effect_is_known():
+    assert sorted(EFFECTS) == sorted(DOCUMENTED)
+
+
+def test_names_are_unique_and_prefixed_by_their_effect():
+    names = [name for term in TERMS.values() for name in term.names]
+    assert len(names) == len(set(names))
+    assert all(name.startswith(f"{term.name}.") for term in EFFECTS.values() for name in term.names)
+
+
+@pytest.mark.parametrize("term", TERMS.values(), ids=lambda term: term.name)
+def test_terms_say_where_they_come_from_and_bound_their_parameters(term):
+    assert term.equation and term.source
+    for p in term.parameters:
+        assert p.lower < p.upper
+        assert p.lower <= p.neutral <= p.upper
+        assert "{" not in p.unit_for("prismatic") + p.unit_for("revolute")
+        assert p.scale in "force speed stroke time step command stiffness one".split()
+
+
+def test_units_follow_the_joint():
+    loop = axes.emps()
+    assert loop.units["inertia"] == "kg"
+    turning = loop.with_terms("inertia", "viscous", "coulomb", "gravity")
+    assert Parameter("x", "{F} s/{L}").unit_for("revolute") == "N m s/rad"
+    assert turning.names[-1] == "gravity_cos"
+
+
+def test_unknown_terms_are_an_error_that_lists_the_known_ones():
+    with pytest.raises(AxisError, match="'stribek' is not a term; known terms: .*stribeck"):
+        find(["stribek"])
+
+
+def test_what_is_not_a_force_has_no_law():
+    with pytest.raises(AxisError, match="with_effect"):
+        TERMS["backlash"].force(Q, DQ, DDQ, [])
+
+
+def test_a_term_stands_for_itself():
+    mine = Term("mine", "mechanics", (Parameter("a", "{F}"),), "a", "here", law=lambda *x: x[-1])
+    assert find([mine, "inertia"]) == (mine, TERMS["inertia"])
