@@ -6,7 +6,15 @@ import numpy as np
 
 from ivtools import linalg
 from ivtools.errors import EstimationError
-from ivtools.inference.system import System, chi2_result, f_result, lacks, quadratic_form, rss
+from ivtools.inference.system import (
+    SPANNED,
+    System,
+    chi2_result,
+    f_result,
+    lacks,
+    quadratic_form,
+    rss,
+)
 from ivtools.linalg import CovType
 from ivtools.results import FitResults, TestResult
 
@@ -51,7 +59,9 @@ def wu_hausman(
     if reason := lacks(results):
         return TestResult(name, NULL, reason=reason)
     system = System.of(results)
-    augmented = np.hstack([system.X, system.first_stage_resids])  # (N, p + q)
+    V = system.first_stage_resids
+    V = V[:, linalg.base_columns(V, SPANNED)]  # columns may be exogenous in combination only
+    augmented = np.hstack([system.X, V])  # (N, p + q)
     n, p = system.X.shape
     q = augmented.shape[1] - p
     try:
