@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
+from datetime import timedelta
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -27,7 +27,8 @@ class Backend(StrEnum):
 
 def benchmark(
     name: Annotated[
-        str, typer.Argument(metavar="NAME|FILE", help="A named study, or a study file (TOML).")
+        str,
+        typer.Argument(metavar="NAME|FILE", help="A named study, or a study file (TOML, Python)."),
     ],
     jobs: Annotated[int, typer.Option("--jobs", help="Workers; -1 is one per core.")] = 1,
     seeds: Annotated[
@@ -40,20 +41,18 @@ def benchmark(
     json: options.Json = None,
     out: options.Out = None,
 ) -> None:
-    """Run a Monte-Carlo study; a folder in --out makes it resumable."""
+    """Run a Monte-Carlo study; with --out it goes on where it was interrupted."""
     from ivtools.study import load
 
-    study = load(name)
-    if seeds is not None:
-        study = replace(study, seeds=seeds)
+    study = load(name, seeds)
     rows = None if out is None else out / "rows"
     with writing(out or Path()):
         study.run(jobs, backend.value, rows, scheduler, progress=_follow())
     score = study.score()
     texts: list[object] = [score]
-    if out is not None and hasattr(score, "to_html"):
+    if out is not None:
         with writing(out):
-            texts.append(f"report: {score.to_html(out / 'report.html')}")
+            texts.append(f"report: {score.save(out)}")
     if json is not None:
         write_json(score.to_dict(), json)
     show(*texts, json_file=json)
@@ -65,7 +64,10 @@ def _follow() -> Any:
         return None
 
     def tell(progress: Progress) -> None:
-        text = f"\r{progress.done}/{progress.total}, {progress.left:.0f} s left \033[K"
+        share = progress.done / max(progress.total, 1)
+        bar = "#" * round(30 * share)
+        left = timedelta(seconds=round(progress.left))
+        text = f"\r[{bar:30}] {progress.done}/{progress.total} records, {left} left \033[K"
         sys.stderr.write(text if progress.done < progress.total else "\r\033[K")
         sys.stderr.flush()
 
