@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.io import savemat
 
 from ivtools import axes, datasets
 from ivtools.cli import app, run
@@ -95,6 +96,42 @@ def test_identify_writes_a_page_that_needs_no_other_file(command, tmp_path):
 def test_a_file_is_identified_with_its_axis_file(command, log, axis):
     status, out, err = command("identify", log, "--axis", axis)
     assert (status, err) == (0, "") and "inertia" in out
+
+
+@pytest.mark.parametrize("suffix", [".csv.gz", ".parquet", ".mat"])
+def test_every_kind_of_file_gives_the_same_answer(command, log, tmp_path, suffix):
+    frame, file = pd.read_csv(log), tmp_path / f"log{suffix}"
+    if suffix == ".csv.gz":
+        frame.to_csv(file, index=False)
+    elif suffix == ".parquet":
+        frame.to_parquet(file)
+    else:
+        savemat(file, {name: frame[name].to_numpy() for name in frame})
+    answers = [
+        json.loads(command("identify", f, "--axis", "emps", "--json", "-")[1]) for f in (log, file)
+    ]
+    assert answers[0] == answers[1]
+
+
+def test_a_logged_force_stands_in_for_the_command(command, log, tmp_path):
+    file = tmp_path / "force.csv"
+    frame = pd.read_csv(log)
+    gain = axes.emps().gain
+    frame.assign(tau=gain * frame["nu"]).drop(columns="nu").to_csv(file, index=False)
+    answers = [
+        json.loads(command("identify", f, "--axis", "emps", "--json", "-")[1])["params"]
+        for f in (log, file)
+    ]
+    assert answers[0] == pytest.approx(answers[1], rel=1e-9)
+
+
+def test_every_method_has_the_json_of_the_interface(command):
+    from ivtools.estimators.base import METHODS
+
+    for method in METHODS:
+        status, out, _ = command("identify", "twin", "--method", method, "--json", "-")
+        assert status == 0 and list(json.loads(out)) == IDENTIFY_KEYS, method
+        assert json.loads(out)["method"] == method
 
 
 def test_columns_are_mapped_by_the_axis_file(command, log, axis, tmp_path):
@@ -275,6 +312,16 @@ def test_a_record_without_reference_can_be_identified_but_not_simulated(command,
     assert status == 2 and "q_ref is missing" in err
 
 
+def test_a_record_of_two_joints_says_one_at_a_time(command, log, tmp_path):
+    file = tmp_path / "two.csv"
+    frame = pd.read_csv(log)
+    names = {name: f"{name}1" for name in ("q", "q_ref", "nu")}
+    two = frame.rename(columns=names).assign(q2=frame.q, q_ref2=frame.q_ref, nu2=frame.nu)
+    two.to_csv(file, index=False)
+    status, _, err = command("identify", file, "--axis", "emps")
+    assert status == 2 and "2 joints" in err
+
+
 def test_a_record_without_an_axis_asks_for_it(command, log):
     status, _, err = command("identify", log)
     assert status == 2 and "give --axis FILE" in err
@@ -427,6 +474,36 @@ def test_a_reader_that_leaves_early_is_no_traceback():
         process.stdout.close()
         err = process.stderr.read()
     assert b"Traceback" not in err and b"Exception" not in err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a POSIX terminal")
+def test_a_terminal_sees_progress_and_the_pipe_beside_it_does_not():
+    import pty
+
+    code = "from ivtools.cli import main; main()"
+    command = [sys.executable, "-c", code, "compare", "twin", "--methods", "idim-ls"]
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=theirs, env={**os.environ, "TERM": "xterm"}
+    ) as process:
+        os.close(theirs)
+        seen = bytearray()
+        try:
+            while part := os.read(ours, 4096):
+                seen += part
+        except OSError:  # the other end is closed
+            pass
+        out = process.stdout.read()
+    os.close(ours)
+    assert b"identifying" in seen or b"idim-ls" in seen
+    assert b"inertia" in out and b"\x1b" not in out
+
+
+@pytest.mark.parametrize("locale", [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C"}])
+def test_a_terminal_that_knows_ascii_only_is_no_obstacle(locale):
+    for arguments in (("--help",), ("effects",), ("axis", "emps")):
+        done = shell(*arguments, env={**os.environ, **locale})
+        assert done.returncode == 0 and "Traceback" not in done.stderr
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ivtools.record import Record
     from ivtools.results import FitResults
 
-DEFAULT = ("idim-ls", "idim-iv", "didim")
+DEFAULT = ("idim-ls", "idim-iv", "idim-bciv", "didim")
 
 
 @dataclass
@@ -78,7 +78,7 @@ def _estimators(methods: str | None, cov: options.Covariance) -> list[Estimator]
     """Return the estimators of a comma-separated list."""
     from ivtools.estimators.base import METHODS, estimator_class
 
-    names = [name for name in DEFAULT if name in METHODS]
+    names = list(DEFAULT)
     if methods is not None:
         names = [name.strip() for name in methods.split(",") if name.strip()]
         names = list(METHODS) if names == ["all"] else list(dict.fromkeys(names))

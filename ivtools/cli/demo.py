@@ -24,7 +24,7 @@ def demo(
     from ivtools.demo import STEPS, page
     from ivtools.demo import demo as perform
 
-    with progress("demo", len(STEPS) + 1) as advance:
+    with progress("demo", len(STEPS) + 2) as advance:
         result = perform(advance)
         made = page(result)
         advance("figures")

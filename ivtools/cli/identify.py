@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ivtools.cli import options
-from ivtools.cli.output import show, write_json, write_page
+from ivtools.cli.output import progress, show, write_json, write_page
 
 if TYPE_CHECKING:
     from ivtools.report import Page
@@ -35,7 +35,8 @@ def identify(
     measured, loop = load(record, axis, data, friction)
     from ivtools.problem import Problem
 
-    fit = estimator.fit(Problem(measured, loop))
+    with progress(method):
+        fit = estimator.fit(Problem(measured, loop))
     texts: list[object] = [fit.summary()]
     if tests:
         texts.append("\n".join(str(test) for test in fit.tests().values()))

@@ -281,6 +281,9 @@ def _provided(record: Record) -> Figures:
 
 def _notes(section: str) -> Sequence[str]:
     """Return what a reader must know about a section."""
+    module = PROVIDERS.get(section, ("",))[0]
+    if module and find_spec(module) is not None:
+        return getattr(import_module(module), "NOTES", ())
     return _NOTES.get(section, ())
 
 
