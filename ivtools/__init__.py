@@ -17,8 +17,11 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
     from ivtools import datasets as datasets
     from ivtools import errors as errors
     from ivtools import estimators as estimators
+    from ivtools.estimators.instrumental import IDIMBCIV as IDIMBCIV
+    from ivtools.estimators.instrumental import IDIMIV as IDIMIV
     from ivtools.estimators.least_squares import IDIMLS as IDIMLS
     from ivtools.estimators.least_squares import IDIMWLS as IDIMWLS
+    from ivtools.estimators.refined import IDIMPIV as IDIMPIV
     from ivtools.loop import ClosedLoop as ClosedLoop
     from ivtools.pipeline import Pipeline as Pipeline
     from ivtools.problem import Problem as Problem
@@ -41,6 +44,8 @@ _NAMES = {
     "IDIMLS": "estimators",
     "IDIMWLS": "estimators",
     "IDIMIV": "estimators",
+    "IDIMBCIV": "estimators",
+    "IDIMPIV": "estimators",
     "Case": "study",
     "Study": "study",
     "diagnose": "gap",

@@ -8,6 +8,7 @@ from linearmodels.iv import IV2SLS
 
 import ivtools as iv
 from ivtools.errors import ConvergenceWarning, EstimationError
+from ivtools.estimators.alignment import aligned, force_shift
 from ivtools.estimators.instrumental import IDIMBCIV, IDIMIV, settled_rows
 from ivtools.estimators.least_squares import IDIMLS
 from ivtools.pipeline import Pipeline
@@ -233,3 +234,25 @@ def test_settings_that_make_no_sense_are_refused(settings, message):
 def test_starts_that_make_no_sense_are_refused(problem, start, message):
     with pytest.raises(EstimationError, match=message):
         IDIMIV(start=start).fit(problem)
+
+
+# --- alignment ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("delay", "expected"), [(0.0, 0.5), (0.0004, 0.9), (0.0015, 2.0)])
+def test_the_delay_of_the_force_is_found(twin, delay, expected):
+    loop = replace(iv.axes.emps().with_terms(*ASYMMETRIC), delay=delay)
+    rng = np.random.default_rng(6)
+    noise = rng.normal(0.0, 1e-6, twin.n_samples)
+    simulation = loop.simulate(twin, twin.theta_true, initial="rest", position_noise=noise)
+    record = twin.replace(q=simulation.q, nu=simulation.nu)
+    problem = iv.Problem(record, loop)
+    assert force_shift(problem) == pytest.approx(expected, abs=0.1)
+    assert aligned(problem).pipeline.force_shift == force_shift(problem)
+    better, before = (IDIMIV().fit(p).relative_error for p in (aligned(problem), problem))
+    assert better < before
+
+
+def test_an_empty_search_is_refused(problem):
+    with pytest.raises(EstimationError, match="search = \\(1, 1\\) is empty"):
+        force_shift(problem, search=(1, 1))
