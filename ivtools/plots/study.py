@@ -16,6 +16,17 @@ if TYPE_CHECKING:
     from ivtools.study import Score
 
 
+LABELS = {
+    "encoder_noise": "encoder noise [m]",
+    "quantum": "resolution of the encoder [m]",
+    "force_noise": "force noise [N]",
+    "sampling_hz": "sampling rate [Hz]",
+    "sampling": "sampling rate [Hz]",
+    "cutoff_hz": "cut-off of the band-pass [Hz]",
+}
+"""Factors as they are printed on an axis."""
+
+
 def bias(score: Score, case: str | None = None, *, width_mm: float = WIDTH_MM) -> Sheet:
     """Draw bias and spread of every estimator, a panel per parameter.
 
@@ -61,7 +72,7 @@ def levels(
     ----------
     score : Score
     factor : str
-        A column of ``score.factors``.
+        A column of ``score.factors``; cases where it is no number are left out.
     parameter : str, optional
         Default: the root mean square over all parameters.
     width_mm : float
@@ -76,6 +87,7 @@ def levels(
     if parameter is not None:
         table = table[table["parameter"] == parameter]
     table = table.assign(x=_numbers(table["case"].astype(str).map(score.factors[factor])))
+    table = table[np.isfinite(table["x"])]
     with look():
         figure = sheet(width_mm, 62.0 + 2.5 * table["estimator"].nunique())
         axes = figure.subplots()
@@ -96,7 +108,8 @@ def levels(
         if x.min() > 0.0 and x.max() > 5.0 * x.min():
             axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.set_xlabel(factor.split(".")[-1].replace("_", " "))
+        name = factor.split(".")[-1]
+        axes.set_xlabel(LABELS.get(name, name.replace("_", " ")))
         axes.set_ylabel(f"RMSE{'' if parameter is None else ' of ' + _shown(parameter)} [%]")
         figure.legend(loc="outside lower center", ncols=3)
     return figure
@@ -144,11 +157,15 @@ def figures(score: Score) -> list[tuple[str, Sheet, str]]:
     A factor that is a number gives a curve; several cases give the heat map; a study of few cases
     shows bias and spread in each.
     """
-    found = []
+    found: list[tuple[str, Sheet, str]] = []
     for factor in score.factors.columns:
-        if pd.api.types.is_numeric_dtype(score.factors[factor]) and len(score.factors) > 2:
+        if np.isfinite(_numbers(score.factors[factor])).sum() > 2:
+            name = f"levels-{_slug(factor.split('.')[-1])}"
+            if "inertia" in set(score.table["parameter"]):
+                caption = f"Error of the inertia against {factor}, bars are two standard errors."
+                found.append((f"{name}-inertia", levels(score, factor, "inertia"), caption))
             caption = f"Error of every estimator against {factor}, all parameters together."
-            found.append((f"levels-{_slug(factor)}", levels(score, factor), caption))
+            found.append((name, levels(score, factor), caption))
     cases = [str(c) for c in dict.fromkeys(score.table["case"])]
     if len(cases) > 1:
         caption = "Error of every estimator in every case, all parameters together."

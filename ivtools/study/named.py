@@ -129,11 +129,18 @@ def _choices(name: str, values: Any) -> Iterator[tuple[Any, Mapping[str, Any]]]:
     if isinstance(values, list) and values:
         yield from ((value, {name: value}) for value in values)
     elif isinstance(values, Mapping) and all(isinstance(v, Mapping) for v in values.values()):
-        yield from values.items()
+        yield from ((_number(key), changes) for key, changes in values.items())
     else:
         raise IVToolsError(
             f"[vary] {name} = {values!r}; give a list of values, or one table per variant"
         )
+
+
+def _number(name: str) -> float | str:
+    try:
+        return float(name)
+    except ValueError:
+        return name
 
 
 def _put(settings: dict[str, Any], key: str, value: Any) -> None:
