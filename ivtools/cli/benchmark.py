@@ -42,6 +42,8 @@ def benchmark(
     out: options.Out = None,
 ) -> None:
     """Run a Monte-Carlo study; with --out it goes on where it was interrupted."""
+    if name == "leaderboard":
+        return _leaderboard(json, out)
     from ivtools.study import load
 
     study = load(name, seeds)
@@ -72,3 +74,19 @@ def _follow() -> Any:
         sys.stderr.flush()
 
     return tell
+
+
+def _leaderboard(json: Path | None, out: Path | None) -> None:
+    """Run the EMPS protocol and print the board."""
+    from ivtools import axes, datasets
+    from ivtools.leaderboard import leaderboard
+
+    board = leaderboard(datasets.emps(), datasets.emps_pulses(), axes.emps())
+    if out is not None:
+        with writing(out):
+            out.mkdir(parents=True, exist_ok=True)
+            (out / "leaderboard.md").write_text(board.to_markdown(), encoding="utf-8")
+            board.frame().to_csv(out / "leaderboard.csv", index=False, float_format="%.6g")
+    if json is not None:
+        write_json(board.to_dict(), json)
+    show(board.summary(), json_file=json)
