@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +38,9 @@ class Rules:
     share : float
         Least share of the whitened energy that an effect removes on held-out data.
     t : float
-        Least block t value of that.
-    retention : float
-        Least ratio of held-out to own gain.
+        Least block-robust t value of the frozen effect's amplitude on held-out data.
+    amplitude : tuple of float
+        Range of that amplitude, in units of what the other fold found.
     margin : float
         Effects within this fraction of the best are not told from it.
     refit : int
@@ -49,8 +50,8 @@ class Rules:
     """
 
     share: float = 0.035
-    t: float = 3.5
-    retention: float = 0.6
+    t: float = 5.0
+    amplitude: tuple[float, float] = (0.6, 1.67)
     margin: float = 0.08
     refit: int = 4
     most: int = 3
@@ -102,30 +103,23 @@ class Trial:
         """Mean share on held-out data."""
         return float(np.mean(self.shares))
 
-    @property
-    def gains(self) -> list[Array]:
-        """Energy removed per block of each held-out fold."""
-        return [
-            h.fold.block_sums(b.e**2 - h.e**2)
-            for h, b in zip(self.held, self.before, strict=True)
-        ]
+    @cached_property
+    def amplitudes(self) -> Array:
+        """Amplitude of the frozen effect on each held-out fold and its block t value, (2, 2)."""
+        return np.array([_amplitude(b, h) for b, h in zip(self.before, self.held, strict=True)])
 
     @property
     def t(self) -> Array:
-        """Block t value of the gain, per fold."""
-        return np.array([_t(g) for g in self.gains])
-
-    @property
-    def retention(self) -> float:
-        """Smallest ratio of the held-out gain to the gain of the fold's own fit."""
-        return float(np.min(self.shares / np.maximum(self.own, 1e-12)))
+        """Block t value of the amplitude, per fold."""
+        return self.amplitudes[:, 1]
 
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates."""
         return bool(
             np.min(self.shares) >= rules.share
             and np.min(self.t) >= rules.t
-            and self.retention >= rules.retention
+            and rules.amplitude[0] <= np.min(self.amplitudes[:, 0])
+            and np.max(self.amplitudes[:, 0]) <= rules.amplitude[1]
         )
 
 
@@ -318,12 +312,15 @@ def _without(side: Side, fit: Fit, name: str) -> Fit:
     return gauss_newton(side.fold, loop, values, free, steps(side.fold, loop, side.scales))
 
 
-def _t(gain: Array) -> float:
-    """Return the t value of a mean over blocks, with neighbours correlated."""
-    x = gain - gain.mean()
-    n = len(x)
-    variance = (x @ x + 2 * 0.5 * (x[1:] @ x[:-1])) / n
-    return float(gain.mean() / np.sqrt(max(variance, 1e-3 * (x @ x) / n, 1e-300) / n))
+def _amplitude(before: Fit, held: Fit) -> tuple[float, float]:
+    """Return the best multiple of the frozen change, and its block-robust t value."""
+    change = before.e - held.e
+    energy = float(change @ change)
+    if not energy > 0.0:
+        return 0.0, 0.0
+    amplitude = float(change @ before.e) / energy
+    scores = held.fold.block_sums(change * (before.e - amplitude * change))
+    return amplitude, amplitude * energy / max(float(np.sqrt(scores @ scores)), 1e-300)
 
 
 def _pvalues(trials: tuple[Trial, ...], draws: int = 500) -> dict[str, float]:
@@ -332,10 +329,14 @@ def _pvalues(trials: tuple[Trial, ...], draws: int = 500) -> dict[str, float]:
         return {}
     rng = np.random.default_rng(np.random.SeedSequence(list(b"max-t")))
     worst = np.zeros(draws)
-    for side in range(2):
-        gains = np.array([t.gains[side] for t in trials])  # (n_trials, n_blocks)
-        centred = gains - gains.mean(axis=1, keepdims=True)
-        signs = rng.choice([-1.0, 1.0], size=(draws, gains.shape[1]))
-        scale = np.maximum(np.sqrt(np.sum(centred**2, axis=1)), 1e-300)
-        worst = np.maximum(worst, np.max(signs @ centred.T / scale, axis=1))
-    return {t.term.name: float(np.mean(worst >= np.min(t.t))) for t in trials}
+    for side in (0, 1):
+        scores = np.array([_scores(t.before[side], t.held[side]) for t in trials])
+        signs = rng.choice([-1.0, 1.0], size=(draws, scores.shape[1]))
+        size = np.maximum(np.linalg.norm(scores, axis=1), 1e-300)
+        worst = np.maximum(worst, np.max(np.abs(signs @ scores.T) / size, axis=1))
+    return {t.term.name: float(np.mean(worst >= max(np.min(t.t), 0.0))) for t in trials}
+
+
+def _scores(before: Fit, held: Fit) -> Array:
+    change = before.e - held.e
+    return held.fold.block_sums(change * held.e)

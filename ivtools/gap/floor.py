@@ -72,8 +72,7 @@ def measure(fit: Fit, response: Response, raw: Array, periods: tuple[float, ...]
         Spatial periods to take out, m or rad.
     """
     fold = fit.fold
-    tau = fold.simulate(fit.loop, fit.values).tau[:, 0]
-    columns = response(features(fold.record, tau, periods))
+    columns = response(features(fold.simulate(fit.loop, fit.values), periods))
     keep = fold.keep
     dt = fold.record.dt
     rest = _project(columns, fit, raw, keep)
@@ -86,7 +85,7 @@ def measure(fit: Fit, response: Response, raw: Array, periods: tuple[float, ...]
         whitener = whitener / scale
         rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt))
     white = signal.lfilter(whitener, [1.0], rest)
-    mask = _events(white, keep, dt)
+    mask = events(white, keep, dt)
     period = reference_period(fold.record)
     return Floor(
         whitener=whitener,
@@ -94,7 +93,7 @@ def measure(fit: Fit, response: Response, raw: Array, periods: tuple[float, ...]
         generic=float(np.mean(white[keep & ~mask] ** 2)),
         period=period,
         passes=_passes(raw, keep & ~mask, period, dt),
-        events=_stretches(mask, fold.record.t),
+        events=stretches(mask, fold.record.t),
         event_mask=mask,
     )
 
@@ -171,10 +170,10 @@ def _level(white: Array, keep: Mask, dt: float) -> float:
 
 
 def _typical(white: Array, keep: Mask, dt: float) -> Mask:
-    return keep & ~_events(white, keep, dt)
+    return keep & ~events(white, keep, dt)
 
 
-def _events(white: Array, keep: Mask, dt: float) -> Mask:
+def events(white: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows far above the floor, (n_samples,)."""
     energy, counts, width = _windows(white**2, keep, dt)
     full = counts >= 0.3 * width
@@ -189,7 +188,7 @@ def _events(white: Array, keep: Mask, dt: float) -> Mask:
     return mask & keep
 
 
-def _stretches(mask: Mask, t: Array) -> tuple[tuple[float, float], ...]:
+def stretches(mask: Mask, t: Array) -> tuple[tuple[float, float], ...]:
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(int)))
     return tuple((float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True))
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from ..loop import Simulation
 from .fold import Fold
 from .response import Response
 
@@ -22,7 +23,9 @@ _SPEEDS = 40
 KINDS = ("cogging", "torque-ripple", "encoder-eccentricity")
 
 
-def search(fold: Fold, response: Response, e: Array, tau: Array, count: int = 3) -> dict[str, list[float]]:
+def search(
+    fold: Fold, response: Response, e: Array, simulation: Simulation, count: int = 3
+) -> dict[str, list[float]]:
     """Return the most likely spatial periods for each periodic effect, m or rad.
 
     Parameters
@@ -32,14 +35,12 @@ def search(fold: Fold, response: Response, e: Array, tau: Array, count: int = 3)
     response : Response
     e : ndarray, (n_kept,)
         Whitened error, free of what the base model explains.
-    tau : ndarray, (n_samples,)
-        Simulated force, N or N m.
+    simulation : Simulation
+        Of the base model.
     count : int
         Periods per effect.
     """
-    assert fold.record.q_ref is not None
-    q, dt = fold.record.q_ref[:, 0], fold.record.dt
-    v = np.gradient(q, dt)
+    q, v, tau = simulation.q[:, 0], simulation.dq[:, 0], simulation.tau[:, 0]
     full = np.zeros(len(q))
     full[fold.keep] = e
     back = response.adjoint(signal.lfilter(fold.whitener, [1.0], full[::-1])[::-1])

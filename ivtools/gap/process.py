@@ -31,6 +31,7 @@ _ADEQUATE = 1.12  # whitened energy over the floor below which nothing is missin
 _CLOSED = 0.8  # share of the reducible energy beyond which the gap is explained
 _SEGMENTS = 8  # alternating stretches of a record that has to judge itself
 _MOVED = 1.5  # frozen over re-tuned energy that speaks of a changed setting
+_FEW, _SHORT = 5, 0.25  # stretches of a record, and its share, that an outside force may take
 _STEADY = 1.3  # most that smooth laws of the state leave where a gap is repeatable
 
 
@@ -106,11 +107,36 @@ def diagnose(
             measured = tuple(pool.map(_measure, records, checked))
     except IVToolsError as error:
         return _refused(record, loop, checked, [*found, findings.Finding(str(error))])
-    sides, base = _sides(measured)
     say("screening and fitting the effects")
-    result = attribute(sides, base, rules, tuple(extra), tuple(without))
+    sides, result = _attributed(measured, rules, tuple(extra), tuple(without))
     say("where and how far")
     return _answer(record.name, loop, measured, result, sides, rules, found, holdout is not None)
+
+
+def _attributed(
+    measured: tuple[Measured, ...], rules: Rules, extra: tuple[Term, ...], without: tuple[str, ...]
+) -> tuple[tuple[Side, ...], Attribution]:
+    """Attribute; if nothing is named, once more without the stretches that stand out."""
+    sides, base = _sides(measured)
+    result = attribute(sides, base, rules, extra, without)
+    if result.named or not any(_local(m.floor) for m in measured):
+        return sides, result
+    sides, base = _sides(tuple(_masked(m) for m in measured))
+    return sides, attribute(sides, base, rules, extra, without)
+
+
+def _local(level: Floor) -> bool:
+    """Whether the stretches that stand out are few: an event, not a way of the model to be wrong."""
+    return 0 < len(level.events) <= _FEW and float(np.mean(level.event_mask)) < _SHORT
+
+
+def _masked(m: Measured) -> Measured:
+    if not _local(m.floor):
+        return m
+    fold = replace(m.side.fold, keep=m.side.fold.keep & ~m.floor.event_mask)
+    step = steps(fold, m.base.loop, m.side.scales)
+    fit = gauss_newton(fold, m.base.loop, m.base.values, m.base.free, step, 4)
+    return replace(m, side=replace(m.side, fold=fold), base=fit)
 
 
 def _measure(record: Record, checked: Parity) -> Measured:
@@ -128,7 +154,7 @@ def _measure(record: Record, checked: Parity) -> Measured:
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
     fit = gauss_newton(fold, loop, values, free, step)
     level = floor.measure(fit, heard, fold.force_error(loop, fit.values), ())
-    fold = replace(fold, whitener=level.whitener, keep=fold.keep & ~level.event_mask)
+    fold = replace(fold, whitener=level.whitener)
     fit = gauss_newton(fold, loop, fit.values, free, step)
     return Measured(Side(fold, heard, scales), fit, level, checked)
 
@@ -171,7 +197,7 @@ def _answer(
         ambiguous_with={e: result.ambiguous.get(e, []) for e in effects},
         parameters={**values, **_parameters(result)},
         block=locate.block(effects, any(_delayed(loop, p) for p in checked),
-                           any(m.floor.events for m in measured), verdict != "adequate"),
+                           any(_local(m.floor) for m in measured), verdict != "adequate"),
         regions=locate.regions(judge.record, judge.keep, traces.before, traces.after),
         shrink=shrink,
         ranking=_ranking(result, rules, energy),
@@ -269,12 +295,12 @@ def _ranking(result: Attribution, rules: Rules, energy: float) -> tuple[Ranked, 
 def _verdict(
     effects: tuple[str, ...], measured: tuple[Measured, ...], result: Attribution, closed: float
 ) -> str:
-    events = sum(float(np.mean(m.floor.event_mask)) for m in measured)
+    events = any(_local(m.floor) for m in measured)
     after = float(np.mean([h.cost for h in result.held]))
     if effects:
         near = after <= _ADEQUATE + 0.03 or closed >= _CLOSED
         return "explained" if near else "partial"
-    if events > 0.0:
+    if events:
         return "non-repeatable"
     if after <= _ADEQUATE:
         return "adequate"
@@ -316,9 +342,9 @@ def _remarks(loop: ClosedLoop, measured: tuple[Measured, ...], result: Attributi
                          f"-> {100 * p.after:.2g} %")
         if "added" in p.mismatch:
             lines.append(f"{name}: the added input acts {100 * p.mismatch['added']:+.2g} % larger than recorded")
-        if m.floor.events:
+        if _local(m.floor):
             when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in m.floor.events[:6])
-            lines.append(f"{name}: not repeatable, left out of the comparison: {when}")
+            lines.append(f"{name}: stands out and does not come again: {when}")
         if p.clipped > 0.0:
             lines.append(f"{name}: the command sits at its limit in {100 * p.clipped:.2g} % of the samples; "
                          "records at the limit are hard to reproduce")

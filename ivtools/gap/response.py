@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from ..loop import ClosedLoop
+from ..loop import ClosedLoop, Simulation
 from ..record import Record
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ def measure(loop: ClosedLoop, record: Record, values: Mapping[str, float]) -> Re
     return Response(impulse, record.n_samples)
 
 
-def features(record: Record, tau: Array, extra_periods: tuple[float, ...] = ()) -> Array:
+def features(simulation: Simulation, extra_periods: tuple[float, ...] = ()) -> Array:
     """Return smooth force laws of speed, position, load, reversal and time, (n_samples, m).
 
     What they can absorb is a gap that some law of the state would explain, known or not; what they
@@ -82,16 +82,13 @@ def features(record: Record, tau: Array, extra_periods: tuple[float, ...] = ()) 
 
     Parameters
     ----------
-    record : Record
-        Gives the reference.
-    tau : ndarray, (n_samples,)
-        Noise-free force of the simulation, N or N m.
+    simulation : Simulation
+        Noise-free motion and force.
     extra_periods : tuple of float
         Spatial periods, m or rad, that enter as cosine and sine.
     """
-    assert record.q_ref is not None
-    q, dt = record.q_ref[:, 0], record.dt
-    dq = np.gradient(q, dt)
+    q, dq, tau = simulation.q[:, 0], simulation.dq[:, 0], simulation.tau[:, 0]
+    dt = float(simulation.t[1] - simulation.t[0])
     s, x = np.sign(dq), 2.0 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1.0
     columns = [*_speed(dq, s), *_position(x, s), *_load(tau, s), *_reversal(dq, s, dt), *_slow(dq, s)]
     for p in extra_periods:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..loop import Simulation
 from ..physics import Term
 from . import periods
 from .candidates import PERIODIC, Scales, scans
@@ -74,14 +75,13 @@ def screen(fit: Fit, response: Response, terms: list[Term], scales: Scales) -> d
         Effect to `Score`.
     """
     simulation = fit.fold.simulate(fit.loop, fit.values)
-    tau = simulation.tau[:, 0]
     basis = _orthonormal(fit.J)
     e = fit.e - basis @ (basis.T @ fit.e)
-    lines = periods.search(fit.fold, response, e, tau)
+    lines = periods.search(fit.fold, response, e, simulation)
     tasks = [(term, shape) for term in terms for shape in _shapes(term, scales, lines)]
 
     def direction(task: tuple[Term, dict[str, float]]) -> _Direction:
-        return _direction(fit, response, scales, tau, *task)
+        return _direction(fit, response, scales, simulation, *task)
 
     directions = [d for d in map(direction, tasks) if d.columns.size]
     best: dict[str, Score] = {}
@@ -104,16 +104,16 @@ def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[d
     return list(scans(term, scales))
 
 
-def _direction(fit: Fit, response: Response, scales: Scales, tau: Array, term: Term,
+def _direction(fit: Fit, response: Response, scales: Scales, simulation: Simulation, term: Term,
                shape: dict[str, float]) -> _Direction:
     """Return the change of the error that the effect makes, (n_samples, m)."""
     if term.law is not None and any(p.linear for p in term.parameters):
         linear = [i for i, p in enumerate(term.parameters) if p.linear]
         names = tuple(term.parameters[i].name for i in linear)
-        forces = np.column_stack([_law(term, i, shape, scales, tau) for i in linear])
+        forces = np.column_stack([_law(term, i, shape, simulation) for i in linear])
         return _Direction(term, shape, names, -response(forces))
     if term.name == "encoder-eccentricity":
-        return _Direction(term, shape, ("cosine", "sine"), -response(_eccentric(fit, scales, shape)))
+        return _Direction(term, shape, ("cosine", "sine"), -response(_eccentric(fit, simulation, shape)))
     loop = fit.loop.with_effect(term, **shape)
     e = fit.fold.force_error(loop, {**loop.values(fit.values)})
     if not np.isfinite(e[-1]):
@@ -121,21 +121,21 @@ def _direction(fit: Fit, response: Response, scales: Scales, tau: Array, term: T
     return _Direction(term, shape, (), (e - fit.fold.force_error(fit.loop, fit.values))[:, None])
 
 
-def _law(term: Term, index: int, shape: dict[str, float], scales: Scales, tau: Array) -> Array:
-    q, dq, ddq, _ = scales.trajectory
+def _law(term: Term, index: int, shape: dict[str, float], simulation: Simulation) -> Array:
+    q, dq, ddq = (a[:, 0] for a in simulation.motion)
     unit = [
         shape.get(p.name, p.neutral) if not p.linear else float(i == index)
         for i, p in enumerate(term.parameters)
     ]
-    return term.force(q, dq, ddq, unit, tau, scales.record.t - scales.record.t[0])
+    return term.force(q, dq, ddq, unit, simulation.tau[:, 0], simulation.t - simulation.t[0])
 
 
-def _eccentric(fit: Fit, scales: Scales, shape: dict[str, float]) -> Array:
+def _eccentric(fit: Fit, simulation: Simulation, shape: dict[str, float]) -> Array:
     """Return the force that moves the axis as an encoder error does: -M d2/dt2, (n_samples, 2)."""
-    angle = 2.0 * np.pi * scales.trajectory[0] / shape["period"]
+    angle = 2.0 * np.pi * simulation.q[:, 0] / shape["period"]
     waves = np.column_stack([np.cos(angle), np.sin(angle)])
-    rate = np.gradient(waves, scales.record.dt, axis=0)
-    return -fit.values["inertia"] * np.gradient(rate, scales.record.dt, axis=0)
+    dt = fit.fold.record.dt
+    return -fit.values["inertia"] * np.gradient(np.gradient(waves, dt, axis=0), dt, axis=0)
 
 
 def _whitened(fold: Fold, directions: list[_Direction]) -> list[Array]:
