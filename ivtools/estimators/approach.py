@@ -61,8 +61,11 @@ class Way:
             If it is unstable, or stands still.
         """
         self.n_simulations += 1
-        X, y_s = self.problem.simulated_rows(theta, filtered=self.filtered, scale_gain=scale_gain)
-        error = float(np.linalg.norm(self.problem.y - y_s))
+        with np.errstate(all="ignore"):  # what overflows is reported below
+            X, y_s = self.problem.simulated_rows(
+                theta, filtered=self.filtered, scale_gain=scale_gain
+            )
+            error = float(np.linalg.norm(self.problem.y - y_s))
         if not np.isfinite(error) or not np.isfinite(X).all():
             raise EstimationError("the simulated loop is unstable at these parameters")
         return Point(theta, X, error)

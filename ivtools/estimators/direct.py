@@ -126,6 +126,11 @@ class DDMIV(IDIMIV):
 
     key: ClassVar[str] = "ddm-iv"
 
+    def estimate(self, problem: Problem) -> FitResults:
+        """Iterate W(theta_k)' (ddq - W b) = 0 as W(theta_k)' (y - X theta) = 0."""
+        inertia_column(problem)
+        return super().estimate(problem)
+
     def system(self, problem: Problem, theta: Array, scale_gain: bool = False) -> System:
         """Return the equations, and W simulated at theta (p,) as their instruments."""
         column = inertia_column(problem)

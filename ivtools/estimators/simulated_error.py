@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +131,11 @@ class SimulatedError(Estimator):
             way = Way(replace(problem, loop=loop), filtered=False)
             try:
                 start = starting_values(problem, self.start)
+                if (
+                    problem.record.q_ref is None
+                ):  # no loop to approach in, and an open one needs none
+                    ranked.append((0.0, loop.values(start)))
+                    continue
                 at = near(way, start, self.max_iter)
             except (AxisError, EstimationError) as error:
                 failure = EstimationError(str(error))
@@ -159,42 +164,48 @@ class SimulatedError(Estimator):
     def _search(
         self, problem: Problem, free: tuple[str, ...], values: Mapping[str, float]
     ) -> Minimum:
-        """Search from one point by the trust-region method of scipy."""
-        from scipy.optimize import least_squares
-
+        """Search from one point."""
         held = {name: v for name, v in values.items() if name not in free}
         threads = self.n_jobs if self.n_jobs > 0 else os.cpu_count() or 1
         model = SimulatedSignal(problem, free, held, self.signal, threads, self.step)
-        unit = float(np.linalg.norm(model.measured)) or 1.0
         start = np.clip([values[n] for n in free], *model.bounds)
         if not np.isfinite(model(start)).all():
             raise EstimationError(f"the simulation is unstable at the starting values {values}")
-
-        def error(theta: Array) -> Array:
-            return (model(theta) - model.measured) / unit
-
-        def jacobian(theta: Array) -> Array:
-            return model.sensitivities(theta)[1] / unit
-
-        found = least_squares(
-            error,
-            start,
-            jacobian,
-            bounds=model.bounds,
-            x_scale="jac",
-            ftol=self.tol,
-            xtol=self.tol,
-            gtol=None,
-            max_nfev=self.max_iter,
-        )
-        simulated, J = model.sensitivities(found.x)
-        rest, steps = model.measured - simulated, int(found.njev or 0)
-        inside = ~pressed(found.x, model)  # (p,), those that no bound stopped
+        found = self._minimise(model, start)
+        theta = found.x * model.sizes
+        simulated, J = model.sensitivities(theta)
+        rest, steps = model.measured - simulated, int(found.njev)
+        inside = ~pressed(theta, model)  # (p,), those that no bound stopped
         settled = found.status > 0 and stationary(
-            J[:, inside], rest, found.x[inside], model.sizes[inside]
+            J[:, inside], rest, theta[inside], model.sizes[inside]
         )
         cost = 1 + int(found.nfev) + (steps + 1) * (len(free) + 1)
-        return Minimum(found.x, rest, J, model, steps, cost, bool(settled))
+        return Minimum(theta, rest, J, model, steps, cost, bool(settled))
+
+    def _minimise(self, model: SimulatedSignal, start: Array) -> Any:
+        """Minimise the relative error by the trust-region method of scipy, theta in its sizes."""
+        from scipy.optimize import least_squares
+
+        unit = float(np.linalg.norm(model.measured)) or 1.0
+
+        def error(x: Array) -> Array:
+            return (model(x * model.sizes) - model.measured) / unit
+
+        def jacobian(x: Array) -> Array:
+            return model.sensitivities(x * model.sizes)[1] * model.sizes / unit
+
+        with np.errstate(all="ignore"):  # a step into instability is rejected
+            return least_squares(
+                error,
+                start / model.sizes,
+                jacobian,
+                bounds=(model.bounds[0] / model.sizes, model.bounds[1] / model.sizes),
+                x_scale="jac",
+                ftol=self.tol,
+                xtol=self.tol,
+                gtol=None,
+                max_nfev=self.max_iter,
+            )
 
     def _results(self, problem: Problem, best: Minimum, spent: int) -> FitResults:
         """Complete the minimum; the sensitivities take the place of X."""

@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 
 _GROUPS = 250  # intervals of a branch: samples in one are averaged and weigh by their number
 _LEAST = 20  # samples without which a branch is left out
+_DIFFUSE = 1e6  # variance of level and slope at the start, where that of the points is 1
 _LOG_RATIO = (-6.0, 8.0)  # decades of noise-variance ratio that are searched
 
 
@@ -109,17 +110,16 @@ class _IntegratedRandomWalk:
         from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 
         step = np.append(np.diff(at), 0.0) / (np.ptp(at) or 1.0)  # (n,), 1 in all
-        self._step, self._y = step, y
+        self._step, self._mean, self._unit = step, float(np.mean(y)), float(np.std(y)) or 1.0
         self._model: Any = KalmanSmoother(k_endog=1, k_states=2, k_posdef=2)
-        self._model.bind(np.ascontiguousarray(y[:, None]))
+        self._model.bind((y[:, None] - self._mean) / self._unit)
         self._model["design"] = np.array([[1.0, 0.0]])
         self._model["selection"] = np.eye(2)
         transition = np.tile(np.eye(2)[:, :, None], len(step))
         transition[0, 1] = step
         self._model["transition"] = transition
         self._model["obs_cov"] = (1.0 / count)[None, None, :]
-        spread = 1e6 * max(float(np.var(y)), 1e-12)
-        self._model.initialize_known(np.zeros(2), spread * np.eye(2))
+        self._model.initialize_known(np.zeros(2), _DIFFUSE * np.eye(2))
 
     def _set(self, ratio: float) -> None:
         h = self._step
@@ -149,4 +149,5 @@ class _IntegratedRandomWalk:
         error, variance = self._errors(ratio)
         scale = float(np.mean(error**2 / variance))
         found = self._model.smooth()
-        return found.smoothed_state[0], scale * found.smoothed_state_cov[0, 0]
+        level = self._mean + self._unit * found.smoothed_state[0]
+        return level, scale * self._unit**2 * found.smoothed_state_cov[0, 0]

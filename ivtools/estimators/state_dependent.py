@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from ivtools.errors import EstimationError
 from ivtools.estimators.friction_curve import FrictionCurve
 from ivtools.estimators.smoother import Smooth, smooth
-from ivtools.linalg import automatic_bandwidth, influence, long_run_variance, solve_iv
+from ivtools.linalg import (
+    automatic_bandwidth,
+    base_columns,
+    influence,
+    long_run_variance,
+    solve_iv,
+)
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
@@ -95,9 +101,10 @@ class StateDependentFriction:
         """
         start = perf_counter()
         moving = self._moving(problem)
-        y, v = moving.y, _speed(moving)  # (N,), (N,)
-        X, names = _beside_friction(moving)  # (N, p)
-        theta = solve_iv(X, y - _first_guess(moving, v), names=names)  # (p,)
+        v, gain = _speed(moving)  # (N,), (N,)
+        y, (X, names) = moving.y / gain, _beside_friction(moving)  # (N,), (N, p)
+        X = X / gain[:, None]
+        theta = solve_iv(X, y - _first_guess(X, y, v), names=names)  # (p,)
         curve: Smooth | None = None
         r2, converged, n = -np.inf, False, 0
         while n < self.max_passes and not converged:
@@ -137,11 +144,15 @@ class StateDependentFriction:
         return replace(problem, pipeline=pipeline)
 
 
-def _speed(problem: Problem) -> Array:
-    """Return the velocity of the rows, (N,)."""
+def _speed(problem: Problem) -> tuple[Array, Array]:
+    """Return the velocity of the rows, and the gain of the decimation for a constant, (N,) each.
+
+    A regression does not notice that this gain is not quite 1, for it scales X and y alike; a
+    curve over velocity does.
+    """
     dq = problem.motion.dq
-    v: Array = problem.pipeline.rows(dq, dq)[:, 0]
-    return v
+    rows = problem.pipeline.rows(np.hstack([dq, np.ones_like(dq)]), dq)
+    return rows[:, 0] / rows[:, 1], rows[:, 1]
 
 
 def _beside_friction(problem: Problem) -> tuple[Array, tuple[str, ...]]:
@@ -153,12 +164,12 @@ def _beside_friction(problem: Problem) -> tuple[Array, tuple[str, ...]]:
     return problem.X[:, kept], tuple(problem.names[i] for i in kept)
 
 
-def _first_guess(problem: Problem, v: Array) -> Array:
+def _first_guess(X: Array, y: Array, v: Array) -> Array:
     """Return Coulomb and viscous friction with an offset, (N,), by least squares."""
-    rest, _ = _beside_friction(problem)
     friction = np.column_stack([np.sign(v), v, np.ones_like(v)])  # (N, 3)
-    theta = solve_iv(np.hstack([rest, friction]), problem.y)
-    guess: Array = friction @ theta[-3:]
+    friction = friction[:, base_columns(friction)]  # one direction of motion has no offset
+    theta = solve_iv(np.hstack([X, friction]), y)
+    guess: Array = friction @ theta[X.shape[1] :]
     return guess
 
 
