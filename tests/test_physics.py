@@ -12,15 +12,20 @@ N = 400
 Q, DQ, DDQ = RNG.normal(0.0, [[0.1], [0.1], [1.0]], (3, N))
 TAU, T = RNG.normal(0.0, 30.0, N), np.arange(N) * 1e-3
 LAWS = [term for term in TERMS.values() if term.law is not None]
-DOCUMENTED = """asymmetric-viscous stribeck presliding polynomial-viscous sqrt-viscous
-    position-friction load-friction friction-drift offset-drift spring cogging torque-ripple
-    flexibility backlash drive-timing saturation drive-asymmetry dead-zone encoder-eccentricity
-    controller-mismatch disturbance""".split()
+DOCUMENTED = [
+    "asymmetric-viscous", "stribeck", "presliding", "polynomial-viscous", "sqrt-viscous",
+    "position-friction", "load-friction", "friction-drift", "offset-drift", "spring", "cogging",
+    "torque-ripple", "flexibility", "backlash", "drive-timing", "saturation", "drive-asymmetry",
+    "dead-zone", "encoder-eccentricity", "controller-mismatch", "disturbance",
+]  # fmt: skip
+SCALES = {"force", "speed", "stroke", "time", "step", "command", "stiffness", "one"}
 
 
 @pytest.mark.parametrize("term", LAWS, ids=lambda term: term.name)
 def test_columns_times_parameters_are_the_force(term):
-    values = {name: value for name, value in zip(term.names, RNG.uniform(0.5, 2.0, 9), strict=False)}
+    values = {
+        name: value for name, value in zip(term.names, RNG.uniform(0.5, 2.0, 9), strict=False)
+    }
     linear = [n for n, p in zip(term.names, term.parameters, strict=True) if p.linear]
     force = term.force(Q, DQ, DDQ, values.values(), TAU, T)
     columns = term.columns(Q, DQ, DDQ, TAU, T, values)
@@ -34,7 +39,9 @@ def test_columns_times_parameters_are_the_force(term):
 def test_dry_friction_only_ever_opposes_the_motion(term):
     """At standstill a law knows the direction from its sign, and the force changes with it."""
     values = [p.neutral if not p.linear else 1.0 for p in term.parameters]
-    ahead, back = (float(np.squeeze(term.law(0.01, 0.0, 0.0, s, 2.0, 1.0, *values))) for s in (1, -1))
+    ahead, back = (
+        float(np.squeeze(term.law(0.01, 0.0, 0.0, s, 2.0, 1.0, *values))) for s in (1, -1)
+    )
     assert ahead >= back
 
 
@@ -55,7 +62,7 @@ def test_terms_say_where_they_come_from_and_bound_their_parameters(term):
         assert p.lower < p.upper
         assert p.lower <= p.neutral <= p.upper
         assert "{" not in p.unit_for("prismatic") + p.unit_for("revolute")
-        assert p.scale in "force speed stroke time step command stiffness one".split()
+        assert p.scale in SCALES
 
 
 def test_units_follow_the_joint():

@@ -145,7 +145,9 @@ def simulate(
         out,
     )
     q, dq, ddq, nu = out[:, :, None]
-    return Simulation(record.t, q, dq, ddq, nu, loop.gain * nu, loop)
+    with np.errstate(over="ignore"):  # an unstable loop is reported by Simulation.finite
+        tau = loop.gain * nu
+    return Simulation(record.t, q, dq, ddq, nu, tau, loop)
 
 
 def effective_controller(loop: ClosedLoop, values: Mapping[str, float]) -> Controller:

@@ -14,7 +14,16 @@ import numpy as np
 from numba import njit
 
 from .mechanics import masses_of, nets, resistance
-from .steps import closed_form, force_at, glide, glided, one_mass, one_mass_step, runge_kutta
+from .steps import (
+    closed_form,
+    force_at,
+    forces,
+    glide,
+    glided,
+    one_mass,
+    one_mass_step,
+    runge_kutta,
+)
 
 _MAX_EVENTS, _MAX_SUBSTEPS = 8, 64
 
@@ -80,7 +89,7 @@ def _build(step, directions):
         for _ in range(_MAX_EVENTS):
             x, used = reversal(x, y, s1, s2, h, drive, at, t, p, on, user, masses)
             h, at, t = h - used, at + used, t + used
-            s1, s2 = directions(x, force_at(drive, at), t, p, on, user, masses)
+            s1, s2 = directions(x, forces(drive, at, h)[0], t, p, on, user, masses)
             y, _ = step(x, s1, s2, h, drive, at, t, p, on, user, masses)
             if y[1] * s1 >= 0.0 and y[3] * s2 >= 0.0:
                 return y
@@ -91,7 +100,7 @@ def _build(step, directions):
     @njit(error_model="numpy")
     def advance(x, h, drive, at, t, p, on, user, masses):
         """Integrate over h; also return the motor's acceleration at the start."""
-        s1, s2 = directions(x, force_at(drive, at), t, p, on, user, masses)
+        s1, s2 = directions(x, forces(drive, at, h)[0], t, p, on, user, masses)
         y, a = step(x, s1, s2, h, drive, at, t, p, on, user, masses)
         if y[1] * s1 >= 0.0 and y[3] * s2 >= 0.0:
             return y, a

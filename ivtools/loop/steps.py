@@ -47,7 +47,7 @@ def phi(z):
 
 
 @njit(error_model="numpy", forceinline=True)
-def _forces(drive, at, h):
+def forces(drive, at, h):
     """Return the drive force at the start, the middle and the end of a step.
 
     A lagging force may decay within a fraction of the step. It enters as the straight line with
@@ -66,7 +66,7 @@ def _forces(drive, at, h):
 @njit(error_model="numpy")
 def runge_kutta(x, s1, s2, h, drive, at, t, p, on, user, masses):
     """Move one or two masses, and a bristle; also return the motor's acceleration at the start."""
-    start, middle, end = _forces(drive, at, h)
+    start, middle, end = forces(drive, at, h)
     k1 = rates(x, s1, s2, start, t, p, on, user, masses)
     k2 = rates(_shift(x, 0.5 * h, k1), s1, s2, middle, t + 0.5 * h, p, on, user, masses)
     k3 = rates(_shift(x, 0.5 * h, k2), s1, s2, middle, t + 0.5 * h, p, on, user, masses)
@@ -97,7 +97,7 @@ def one_mass_step(q, v, s, h, start, middle, end, t, p, on, user):
 @njit(error_model="numpy", forceinline=True)
 def one_mass(x, s1, s2, h, drive, at, t, p, on, user, masses):
     """Move one mass under any force, by Runge-Kutta."""
-    start, middle, end = _forces(drive, at, h)
+    start, middle, end = forces(drive, at, h)
     q, v, a = one_mass_step(x[0], x[1], s1, h, start, middle, end, t, p, on, user)
     return (q, v, 0.0, 0.0, 0.0), a
 

@@ -31,7 +31,7 @@ COULOMB = Term(
 )
 
 
-def _asymmetric(q, dq, ddq, sign, tau, t, fv_pos, fc_pos, fv_neg, fc_neg):  # type: ignore[no-untyped-def]
+def _asymmetric(q, dq, ddq, sign, tau, t, fv_pos, fc_pos, fv_neg, fc_neg):
     ahead, back = 0.5 * (1.0 + sign), 0.5 * (1.0 - sign)
     return (ahead * fv_pos + back * fv_neg) * dq + (ahead * fc_pos + back * fc_neg) * sign
 

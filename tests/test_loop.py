@@ -1,0 +1,405 @@
+"""The compiled loop against python-control, against finer steps, and against mechanics."""
+
+from dataclasses import replace
+
+import control
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ivtools import Record, axes
+from ivtools.errors import AxisError, RecordError, ShapeError
+from ivtools.loop import ClosedLoop, Controller
+from ivtools.loop.system import initial_state
+from ivtools.physics import EFFECTS, Parameter, Term
+
+DT = 1e-3
+THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+# one typical size of every effect, of the order that an EMPS-like axis shows
+SIZES: dict[str, dict[str, float]] = {
+    "asymmetric-viscous": {"delta": -30.0},
+    "stribeck": {"force": 6.0, "speed": 0.01},
+    "presliding": {"stiffness": 5e5},
+    "polynomial-viscous": {"quadratic": 500.0, "cubic": 4000.0},
+    "sqrt-viscous": {"force": 30.0},
+    "position-friction": {"slope": 10.0, "curvature": 20.0},
+    "load-friction": {"ratio": 0.05},
+    "friction-drift": {"coulomb_rate": 0.5, "viscous_rate": 3.0},
+    "offset-drift": {"rate": 0.5, "curvature": 0.1},
+    "spring": {"stiffness": 20.0, "curvature": 10.0},
+    "cogging": {"cosine": 2.0, "sine": 1.0, "period": 0.006},
+    "torque-ripple": {"cosine": 0.05, "sine": 0.02, "period": 0.006},
+    "flexibility": {"frequency_hz": 45.0, "damping": 0.03, "load_share": 0.2},
+    "backlash": {"gap": 4e-5},
+    "drive-timing": {"delay": 4e-4, "lag": 6e-4},
+    "saturation": {"limit": 4.0},
+    "drive-asymmetry": {"gain": 0.03},
+    "dead-zone": {"force": 2.0},
+    "encoder-eccentricity": {"cosine": 4e-6, "period": 0.008},
+    "controller-mismatch": {"kp": 0.03, "kv": -0.02, "velocity_filter": 0.1, "added": 0.1},
+    "disturbance": {},
+}
+# default step against a finer one, rms of the command relative to its own: two masses in contact
+# have their events located to the sub-step only, which makes the order one
+ACCURACY = {
+    "flexibility": 1e-4,
+    "backlash": 5e-3,
+    "drive-timing": 3e-4,
+    "presliding": 3e-5,
+    "sqrt-viscous": 1e-5,
+}
+
+
+def reference(n: int = 1500, amplitude: float = 0.02, **changes: object) -> Record:
+    """A record that moves there and back, with a pause in between."""
+    t = np.arange(n) * DT
+    phase = np.clip(t * 2.0, 0.0, 1.0) + np.clip(t * 2.0 - 1.4, 0.0, 1.0)
+    q_ref = amplitude * np.sin(np.pi * phase) ** 2
+    return Record(**{"t": t, "q": q_ref, "q_ref": q_ref, "nu": np.sin(t)} | changes)
+
+
+RECORD = reference()
+
+
+def loop_with(controller: Controller, **changes: object) -> ClosedLoop:
+    return replace(axes.emps(), controller=controller, **changes)
+
+
+def response(loop: ClosedLoop, theta: dict[str, float], record: Record, q0=0.0, v0=0.0, **k: int):
+    """The same simulation by python-control."""
+    system = loop.system(theta, dt=record.dt, **k)
+    assert record.q_ref is not None
+    added = np.zeros(record.n_samples) if record.added is None else record.added[:, 0]
+    inputs = np.array([record.q_ref[:, 0], np.gradient(record.q_ref[:, 0], record.dt), added])
+    state = initial_state(loop, loop.values(theta), record.dt, q0, v0)
+    times = np.arange(record.n_samples) * record.dt
+    return control.input_output_response(system, times, inputs, state)
+
+
+def assert_same(loop: ClosedLoop, theta: dict[str, float], record: Record, **k: int) -> None:
+    ours, theirs = (
+        loop.simulate(record, theta, initial=(0.0, 0.0), **k),
+        response(loop, theta, record, **k),
+    )
+    for name in ("q", "dq", "nu", "tau"):
+        a, b = getattr(ours, name)[:, 0], theirs.outputs[theirs.output_labels.index(name)]
+        assert np.max(np.abs(a - b)) <= 1e-9 * np.max(np.abs(b)), name
+
+
+# --- two engines ------------------------------------------------------------------------------
+
+finite = {"allow_nan": False, "allow_infinity": False}
+controllers = st.one_of(
+    st.builds(
+        lambda kp, kv: ("cascade-pd", {"kp": kp, "kv": kv}),
+        st.floats(50, 250, **finite),
+        st.floats(100, 300, **finite),
+    ),
+    st.builds(
+        lambda kp, kd: ("pd", {"kp": kp, "kd": kd}),
+        st.floats(5e3, 5e4, **finite),
+        st.floats(100, 300, **finite),
+    ),
+    st.builds(lambda kv: ("p-velocity", {"kv": kv}), st.floats(50, 300, **finite)),
+    st.builds(
+        lambda pole, gain: (
+            "state-space",
+            {
+                "A": [[pole, 0.0], [0.1, 0.2]],
+                "B": [[gain, -gain], [0.0, 0.5]],
+                "C": [10.0, 0.1],
+                "D": [3e4, -3e4],
+            },
+        ),
+        st.floats(-0.5, 0.5, **finite),
+        st.floats(0.0, 50.0, **finite),
+    ),
+)
+
+
+@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    controller=controllers,
+    taps=st.sampled_from([(1.0,), (0.5, 0.5), (0.6, 0.3, 0.1)]),
+    delay=st.integers(0, 3),
+    limit=st.sampled_from([np.inf, 10.0, 3.0]),
+    drive=st.floats(0.0, 2.5e-3, **finite),
+    theta=st.builds(
+        dict,
+        inertia=st.floats(60, 140, **finite),
+        viscous=st.floats(0, 400, **finite),
+        coulomb=st.floats(0, 40, **finite),
+        offset=st.floats(-10, 10, **finite),
+    ),
+    pulse=st.floats(-3, 3, **finite),
+)
+def test_the_compiled_loop_is_python_controls(controller, taps, delay, limit, drive, theta, pulse):
+    kind, gains = controller
+    loop = loop_with(Controller(kind, gains, taps, delay, limit), delay=drive)
+    record = reference(400, added=np.where(np.arange(400) % 150 > 120, pulse, 0.0))
+    if loop.simulate(record, theta, initial=(0.0, 0.0)).finite:
+        assert_same(loop, theta, record)
+
+
+@pytest.mark.parametrize("effect", SIZES)
+def test_every_effect_is_the_same_in_both_engines(effect):
+    assert_same(axes.emps().with_effect(effect, **SIZES[effect]), THETA, reference(250))
+
+
+def test_systems_can_be_linearised_and_analysed():
+    loop = axes.emps().with_terms("inertia", "viscous")
+    system = loop.system({"inertia": 95.0, "viscous": 200.0}, dt=DT)
+    linear = control.linearize(system, np.zeros(system.nstates), np.zeros(3))
+    assert np.all(np.abs(linear.poles()) < 1.0 + 1e-6)
+    track = linear[0, 0]  # reference to position
+    _, step = control.step_response(track, np.arange(400) * DT)
+    assert step[-1] == pytest.approx(1.0, abs=1e-3)
+    magnitude = control.frequency_response(track, [0.1, 20.0, 2e3]).magnitude.ravel()
+    assert magnitude[0] == pytest.approx(1.0, rel=1e-3)
+    assert magnitude[2] < 0.1
+    assert system.input_labels == ["q_ref", "dq_ref", "added"]
+    assert system.output_labels == ["q", "dq", "nu", "tau"]
+
+
+# --- accuracy ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("effect", SIZES)
+def test_the_default_step_is_fine_enough(effect):
+    loop = axes.emps().with_effect(effect, **SIZES[effect])
+    coarse = loop.simulate(RECORD, THETA)
+    fine = loop.simulate(RECORD, THETA, substeps=50 * loop.substeps)
+    assert coarse.finite and np.isfinite(coarse.nu).all() and np.isfinite(coarse.ddq).all()
+    error = np.linalg.norm(coarse.nu - fine.nu) / np.linalg.norm(fine.nu)
+    assert error < ACCURACY.get(effect, 1e-6)
+
+
+def test_rigid_motion_is_exact_whatever_the_step():
+    loop = axes.emps()
+    steps = [loop.simulate(RECORD, THETA, substeps=n).q for n in (1, 7)]
+    ramped = loop.simulate(RECORD, THETA, ramp=True, substeps=50).q  # by Runge-Kutta
+    assert np.array_equal(*steps)
+    assert ramped == pytest.approx(steps[0], rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "at"),
+    [
+        ("drive-timing", "delay", 1e-3),
+        ("drive-timing", "delay", 4e-4),
+        ("drive-timing", "lag", 0.0),
+        ("drive-timing", "lag", 1e-3),
+        ("presliding", "stiffness", 5e5),
+        ("flexibility", "frequency_hz", 45.0),
+        ("backlash", "gap", 3e-5),
+    ],
+)
+def test_answers_are_smooth_in_the_parameter(effect, name, at):
+    """Slopes over neighbouring intervals agree: no stairs from samples or sub-steps."""
+    full = f"{effect}.{name}"
+    rattles = effect == "backlash"  # what rattles is chaotic in the small
+    loop = axes.emps().with_effect(effect, **SIZES[effect])
+    step = (0.05 if rattles else 0.01) * (at or 1e-3)
+    points = [at + k * step for k in ((0, 1, 2) if at == 0.0 else (-1, 0, 1))]
+    nu = [loop.simulate(RECORD, THETA | {full: p}).nu[:, 0] for p in points]
+    left, right = nu[1] - nu[0], nu[2] - nu[1]
+    assert np.linalg.norm(left) > 0.0
+    assert np.linalg.norm(right - left) < (0.5 if rattles else 0.2) * np.linalg.norm(left)
+
+
+# --- mechanics --------------------------------------------------------------------------------
+
+
+def open_loop(**changes: object) -> ClosedLoop:
+    """An axis whose controller does nothing; the added input is the command."""
+    return loop_with(
+        Controller("state-space", {"A": [], "B": [], "C": [], "D": [0.0, 0.0]}), **changes
+    )
+
+
+def test_dry_friction_holds_the_axis_exactly():
+    t = np.arange(1000) * DT
+    record = reference(1000, added=0.5 * np.sin(9 * t))  # 17.6 N against 20 N and an offset of 2
+    theta = THETA | {"offset": 2.0}
+    held = open_loop().simulate(record, theta, initial=(0.02, 0.0))
+    assert np.all(held.q == 0.02) and np.all(held.dq == 0.0) and np.all(held.ddq == 0.0)
+    free = open_loop().simulate(record, theta | {"coulomb": 15.0}, initial=(0.02, 0.0))
+    assert np.ptp(free.q) > 1e-5
+
+
+def test_a_moving_axis_stops_and_stays():
+    record = reference(1000, added=np.zeros(1000))
+    stopped = open_loop().simulate(record, THETA, initial=(0.0, 0.05))
+    rest = np.flatnonzero(stopped.dq == 0.0)
+    assert len(rest) and np.all(stopped.dq[rest[0] :] == 0.0)
+    # v(t) of M dv/dt = -(Fc + offset) - Fv v comes to rest at this time and place
+    tau, level = 95.0 / 200.0, (20.0 - 3.0) / 200.0
+    time = tau * np.log(1.0 + 0.05 / level)
+    assert rest[0] * DT == pytest.approx(time, abs=DT)
+    assert stopped.q[-1, 0] == pytest.approx(tau * 0.05 - level * time, rel=1e-9)
+
+
+def test_energy_only_leaves_where_there_is_friction():
+    loop = open_loop(terms=("inertia", "viscous", "coulomb", "offset", "spring"))
+    theta = {"inertia": 95.0, "viscous": 0.0, "coulomb": 0.0, "offset": 0.0}
+    spring = {"spring.stiffness": 4000.0, "spring.curvature": 0.0}
+    record = reference(1500, added=np.zeros(1500))
+
+    def energy(**changes: float) -> np.ndarray:
+        moved = loop.simulate(record, theta | spring | changes, initial=(0.01, 0.0))
+        return (0.5 * 95.0 * moved.dq**2 + 0.5 * 4000.0 * moved.q**2).ravel()
+
+    kept = energy()
+    assert kept == pytest.approx(np.full(1500, kept[0]), rel=1e-7)
+    assert np.all(np.diff(energy(viscous=20.0, coulomb=2.0)) <= 1e-12 * kept[0])
+
+
+def test_two_masses_swing_at_the_stated_frequency():
+    hz, share = 20.0, 0.3
+    loop = open_loop().with_effect("flexibility", frequency_hz=hz, damping=0.0, load_share=share)
+    theta = {"inertia": 95.0, "viscous": 0.0, "coulomb": 0.0, "offset": 0.0}
+    added = np.zeros(4000)
+    added[:5] = 5.0
+    moved = loop.simulate(reference(4000, added=added), theta, initial=(0.0, 0.0))
+    swing = moved.dq[10:, 0] - moved.dq[10:, 0].mean()
+    crossings = np.flatnonzero((swing[1:] > 0.0) & (swing[:-1] <= 0.0))
+    exact = crossings - swing[crossings] / (swing[crossings + 1] - swing[crossings])
+    assert 1.0 / (np.diff(exact).mean() * DT) == pytest.approx(hz, rel=1e-3)
+
+
+def test_gravity_turns_with_the_axis():
+    loop = open_loop(terms=("inertia", "viscous", "gravity"), joint="revolute", gain=1.0)
+    theta = {"inertia": 0.01, "viscous": 0.02, "gravity_sin": 0.5, "gravity_cos": 0.0}
+    fallen = loop.simulate(reference(6000, added=np.zeros(6000)), theta, initial=(0.3, 0.0))
+    assert fallen.q[-1, 0] == pytest.approx(0.0, abs=1e-3)  # hangs where sin q = 0
+
+
+# --- a user's own law -------------------------------------------------------------------------
+
+
+def test_a_law_of_your_own_works_everywhere():
+    mine = Term(
+        "soft-stop",
+        "mechanics",
+        (Parameter("stiffness", "{F}/{L}3"),),
+        "k q^3",
+        "a test",
+        law=lambda q, dq, ddq, sign, tau, t, k: k * q * q * q,
+    )
+    loop = axes.emps().with_effect(mine, stiffness=4e5)
+    assert loop.names[-1] == "soft-stop.stiffness"
+    assert_same(loop, THETA, reference(300))
+    moved = loop.simulate(RECORD, THETA)
+    force = loop.regressor(moved.motion) @ [*THETA.values(), 4e5]
+    middle = np.abs(moved.dq[:, 0]) > 1e-3
+    rest = (moved.tau[:, 0] - force)[middle]
+    assert np.linalg.norm(rest) < 1e-9 * np.linalg.norm(force)
+    plain = axes.emps().simulate(RECORD, THETA)
+    assert np.linalg.norm(moved.nu - plain.nu) > 0.01 * np.linalg.norm(plain.nu)
+    with pytest.raises(AxisError, match="term of your own"):
+        loop.to_toml()
+
+
+def test_two_laws_of_your_own_keep_their_parameters_apart():
+    terms = [
+        Term(f"push{i}", "mechanics", tuple(Parameter(n, "{F}") for n in names), "", "", law=law)
+        for i, (names, law) in enumerate(
+            [
+                ("ab", lambda q, dq, ddq, s, tau, t, a, b: a + 10.0 * b),
+                ("c", lambda *x: 100.0 * x[-1]),
+            ]
+        )
+    ]
+    loop = axes.emps().with_effect(terms[0], a=1.0, b=0.2).with_effect(terms[1], c=0.03)
+    shifted = THETA | {"offset": THETA["offset"] + 6.0}
+    same = axes.emps().simulate(RECORD, shifted)
+    assert loop.simulate(RECORD, THETA).nu == pytest.approx(same.nu, rel=1e-7, abs=1e-9)
+
+
+# --- how a simulation starts and ends ----------------------------------------------------------
+
+
+def test_a_record_that_starts_in_motion_leaves_no_transient():
+    whole = axes.emps().simulate(RECORD, THETA, initial="rest")
+    full = RECORD.replace(q=whole.q, nu=whole.nu)
+    part = full.slice(150, 1400)
+    again = axes.emps().simulate(part, THETA)
+    scale = np.abs(whole.nu).max()
+    error = np.abs(again.nu - whole.nu[150:1400])
+    assert error.max() < 0.05 * scale  # the record's own velocity is read from 20 samples
+    assert error[100:].max() < 1e-3 * scale
+    cold = axes.emps().simulate(part, THETA, initial="rest")
+    assert np.abs(cold.nu - whole.nu[150:1400]).max() > 0.1 * scale
+
+
+def test_a_state_space_controller_starts_steady():
+    lead = {"A": [[0.8]], "B": [[0.2, -0.2]], "C": [[-5e4]], "D": [[9e4, -9e4]]}
+    loop = loop_with(Controller("state-space", lead))
+    whole = loop.simulate(RECORD, THETA, initial="rest")
+    part = RECORD.replace(q=whole.q, nu=whole.nu).slice(150, 1400)
+    again = loop.simulate(part, THETA)
+    assert np.abs(again.nu - whole.nu[150:1400]).max() < 0.05 * np.abs(whole.nu).max()
+
+
+def test_an_unstable_loop_is_reported_and_not_an_error():
+    wild = loop_with(Controller("cascade-pd", {"kp": 5e4, "kv": 5e4}, (0.5, 0.5), 3))
+    for loop in (wild, wild.with_effect("stribeck", force=5.0), wild.with_effect("flexibility")):
+        gone = loop.simulate(RECORD, THETA)
+        assert not gone.finite
+        with pytest.raises(RecordError, match="unstable"):
+            gone.to_record()
+
+
+def test_noise_and_quantum_act_where_they_say():
+    noise = np.random.default_rng(1).normal(0.0, 1.0, RECORD.n_samples)
+    loop = axes.emps()
+    seen = loop.simulate(RECORD, THETA, position_noise=1e-6 * noise, quantum=1e-6)
+    assert seen.q / 1e-6 == pytest.approx(np.round(seen.q / 1e-6), abs=1e-6)
+    pushed = loop.simulate(RECORD, THETA, force_noise=noise)
+    assert np.std(pushed.ddq - loop.simulate(RECORD, THETA).ddq) > 0.005
+    with pytest.raises(ShapeError, match="force_noise has 3 samples"):
+        loop.simulate(RECORD, THETA, force_noise=[1.0, 2.0, 3.0])
+
+
+def test_without_stiction_the_force_takes_the_sign_as_it_comes():
+    loop = axes.emps()
+    chatter = loop.simulate(RECORD, THETA, stiction=False, substeps=10)
+    held = loop.simulate(RECORD, THETA)
+    assert np.linalg.norm(chatter.q - held.q) < 1e-3 * np.linalg.norm(held.q)
+    assert not np.array_equal(chatter.q, held.q)
+
+
+# --- what is refused --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: axes.emps().simulate(RECORD, {}), "'viscous' has no value"),
+        (lambda: axes.emps().simulate(RECORD, THETA | {"inertia": 0.0}), "positive one"),
+        (lambda: axes.emps().simulate(RECORD, THETA | {"inertia": np.nan}), "must be finite"),
+        (lambda: axes.emps().simulate(RECORD, THETA | {"mass": 1.0}), "'mass' is not in the model"),
+        (lambda: axes.emps().simulate(RECORD, [1.0, 2.0]), "theta has 2 values"),
+        (lambda: axes.emps().simulate(RECORD, THETA, initial="now"), "initial is 'now'"),
+        (lambda: axes.emps().simulate(RECORD, THETA, substeps=0), "substeps is 0"),
+        (lambda: axes.emps().with_effect("stribeck", foce=1.0), "no parameter 'foce'"),
+        (lambda: axes.emps().with_effect("viscous"), "given twice"),
+        (lambda: axes.emps().with_effect("stribeck", force=np.nan), "is nan"),
+        (lambda: replace(axes.emps(), gain=0.0), "drive gain is 0"),
+        (lambda: replace(axes.emps(), delay=99.0), "drive delay is 99"),
+        (lambda: replace(axes.emps(), joint="hinge"), "'prismatic' or 'revolute'"),
+        (
+            lambda: axes.emps().with_effect("drive-timing", delay=1e9).simulate(RECORD, THETA),
+            "delay is 1e\\+09 s",
+        ),
+        (lambda: axes.emps().simulate(RECORD.replace(q_ref=None), THETA), "q_ref is missing"),
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused(call, message):
+    with pytest.raises((AxisError, ShapeError, RecordError), match=message):
+        call()
+
+
+def test_every_effect_of_the_table_has_a_size_here():
+    assert SIZES.keys() == EFFECTS.keys()
