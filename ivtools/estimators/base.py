@@ -32,6 +32,7 @@ METHODS = {
     "oloe": "output_error:OLOE",
     "ddm-ls": "direct:DDMLS",
     "ddm-iv": "direct:DDMIV",
+    "nsga2": "multi_objective:NSGA2",
 }
 """Method names of the command line, each with its module and class in `ivtools.estimators`."""
 
