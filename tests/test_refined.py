@@ -141,6 +141,13 @@ def test_masked_rows_start_new_segments(problem):
     assert all(abs(fit.params[k] - truth[k]) < 5 * fit.std_errors[k] for k in truth)
 
 
+def test_a_filter_that_moves_the_estimate_too_far_is_told(problem, emps):
+    """What the model of the measured axis lacks is in its residual, and no noise."""
+    assert not any("lacks an effect" in note for note in IDIMPIV().fit(problem).notes)
+    measured = IDIMPIV().fit(replace(problem, record=emps))
+    assert any("the model lacks an effect" in note for note in measured.notes)
+
+
 def test_every_test_of_a_result_takes_the_filter(problem):
     fit = IDIMPIV().fit(problem)
     tests = fit.tests()

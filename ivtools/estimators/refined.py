@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ivtools.errors import EstimationError
 from ivtools.estimators.instrumental import IDIMBCIV, Step, System
 from ivtools.estimators.noise import MAX_ORDER, Criterion, NoiseModel, segment_starts
-from ivtools.linalg import Weights
+from ivtools.linalg import Weights, covariance, solve_iv
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LAGS = 20  # of the Ljung-Box test
+DOUBT = 4.0  # standard errors
 EXACT = 1e-7  # of the force: a residual below this is the arithmetic's, not noise
 _STEADY = 1e-2  # a step that moves a parameter by less is near enough to model the noise
 
@@ -100,6 +101,7 @@ class IDIMPIV(IDIMBCIV):
             f"noise {step.weights.label}, {step.weights.sigma:.4g} behind its filter",
             f"Ljung-Box Q({LAGS}) {before[0]:.4g} before the filter, {after[0]:.4g} "
             f"(p {after[1]:.3g}) behind it",
+            *_doubts(step),
         )
 
     def extras(self, problem: Problem, step: Step) -> dict[str, Any]:
@@ -108,6 +110,20 @@ class IDIMPIV(IDIMBCIV):
             return {}
         tests = {"before": whiteness(step.resids), "after": whiteness(step.weights(step.resids))}
         return {"noise": step.weights, "whiteness": tests}
+
+
+def _doubts(step: Step) -> tuple[str, ...]:
+    """Say so if the filter moved the estimate by more than noise can explain."""
+    X, y, Z = step.system.X, step.system.y, step.system.Z
+    plain = solve_iv(X, y, Z)  # (p,), consistent as well, and less efficient
+    std = np.sqrt(np.diag(covariance(X, y - X @ plain, Z)))
+    moved = float(np.max(np.abs(step.theta - plain) / std))
+    if moved <= DOUBT:
+        return ()
+    return (
+        f"the filter moved the estimate by {moved:.1f} standard errors: the residual is not noise "
+        "alone, the model lacks an effect",
+    )
 
 
 def whiteness(e: Array, lags: int = LAGS) -> tuple[float, float]:
