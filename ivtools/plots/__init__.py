@@ -8,9 +8,29 @@ from __future__ import annotations
 
 from ivtools.plots.force import force
 from ivtools.plots.friction_curve import friction_curve
+from ivtools.plots.methods import (
+    drive_gain,
+    feasible_set,
+    leaderboard,
+    pareto,
+    transfer_function,
+)
 from ivtools.plots.parameters import parameters
 from ivtools.plots.residuals import residuals
 from ivtools.plots.simulation import simulation
 from ivtools.plots.style import Sheet, save
 
-__all__ = ["Sheet", "force", "friction_curve", "parameters", "residuals", "save", "simulation"]
+__all__ = [
+    "Sheet",
+    "drive_gain",
+    "feasible_set",
+    "force",
+    "friction_curve",
+    "leaderboard",
+    "parameters",
+    "pareto",
+    "residuals",
+    "save",
+    "simulation",
+    "transfer_function",
+]
