@@ -156,6 +156,8 @@ class FitResults:
         Inverse variances of the rows, or a function that whitens columns; None if all are equal.
     units : tuple of str (p,)
         Units of the parameters.
+    t : (N,) ndarray or None
+        Time of the rows, in s.
     problem : Problem or None
         What was fitted.
     n_iter, n_simulations : int
@@ -189,6 +191,7 @@ class FitResults:
     Z: Array | None = None
     weights: linalg.Weights | None = None
     units: tuple[str, ...] = ()
+    t: Array | None = None
     problem: Problem | None = None
     n_iter: int = 1
     n_simulations: int = 0
@@ -221,6 +224,8 @@ class FitResults:
         if problem is not None:
             names = problem.names if names is None else names
             units = problem.units if units is None else units
+            t = getattr(problem, "t", None)
+            status.setdefault("t", t if t is not None and len(t) == len(y) else None)
             status["notes"] = (*status.get("notes", ()), *getattr(problem, "notes", ()))
         index = pd.Index(list(names or range(X.shape[1])))
         if isinstance(units, Mapping):

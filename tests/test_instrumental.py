@@ -134,6 +134,8 @@ def test_results_hold_what_was_solved(problem):
     kept = settled_rows(problem)
     np.testing.assert_array_equal(fit.X.shape, (len(kept), 5))
     np.testing.assert_allclose(fit.Z.T @ fit.resids / np.linalg.norm(fit.Z, axis=0), 0, atol=1e-8)
+    np.testing.assert_array_equal(fit.t, problem.t[kept])
+    np.testing.assert_array_equal(IDIMLS().fit(problem).t, problem.t)
     assert fit.n_simulations == fit.n_iter
     assert "simulated loop makes as well" in fit.notes[0]
     assert kept[0] == 6

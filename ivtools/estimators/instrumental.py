@@ -219,6 +219,7 @@ class IDIMIV(Estimator):
             step.system.y,
             Z=step.system.Z,
             weights=step.weights,
+            t=step.system.t,
             problem=problem,
             cov_type=self.cov_type,
             notes=(*failed, *self.notes(problem, step)),

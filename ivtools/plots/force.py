@@ -57,7 +57,8 @@ def force(
     y = results.y if problem is None else problem.y
     model = results.fitted if problem is None else problem.X @ results.params.to_numpy()
     joint = own.loop.joint if own is not None else "prismatic"
-    t = own.t if own is not None and len(own.t) == len(y) else np.arange(len(y), dtype=float)
+    t = results.t if problem is None else problem.t
+    t = np.arange(len(y), dtype=float) if t is None else t
     name, unit = ("Force", "N") if joint == "prismatic" else ("Torque", "N m")
     relative = 100.0 * np.linalg.norm(y - model) / np.linalg.norm(y)
     with look():

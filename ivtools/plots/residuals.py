@@ -54,18 +54,18 @@ def residuals(
     fits = list(results)
     names = labels or [label.upper() for label in labels_of(fits)]
     problem = fits[-1].problem
-    t = problem.t if problem is not None else np.arange(len(fits[-1].y), dtype=float)
+    times = [np.arange(fit.nobs, dtype=float) if fit.t is None else fit.t for fit in fits]
     revolute = problem is not None and problem.loop.joint == "revolute"
     quantity, unit = ("Torque", "N m") if revolute else ("Force", "N")
     with look():
         figure = sheet(width_mm, 34.0 + 17.0 * len(fits))
         heights = [1.7] + [1.0] * len(fits)
         top, *strips = figure.subplots(1 + len(fits), 1, sharex=True, height_ratios=heights)
-        line(top, t, fits[-1].y, color=COLOURS["measured"], lw=1.7, label="measured")
-        line(top, t, fits[-1].fitted, color=COLOURS["model"], lw=0.7, label="reconstructed")
+        line(top, times[-1], fits[-1].y, color=COLOURS["measured"], lw=1.7, label="measured")
+        line(top, times[-1], fits[-1].fitted, color=COLOURS["model"], lw=0.7, label="reconstructed")
         top.set_ylabel(f"{quantity} ({unit})")
         legend_above(top)
-        for strip, fit, name in zip(strips, fits, names, strict=True):
+        for strip, fit, t, name in zip(strips, fits, times, names, strict=True):
             line(strip, t, fit.resids, color=COLOURS["error"], lw=0.6)
             strip.set_title(f"{name}: {fit.relative_error:.2f} %", loc="left", fontsize=6.5, pad=2)
             strip.set_ylabel(f"Error ({unit})")
