@@ -22,7 +22,8 @@ from joblib import Parallel, delayed
 import ivtools as iv
 from ivtools.errors import ConvergenceWarning
 from ivtools.estimators.bound import cramer_rao
-from ivtools.estimators.instrumental import IDIMBCIV, IDIMIV
+from ivtools.estimators.compensated import IDIMBCIV
+from ivtools.estimators.instrumental import IDIMIV
 from ivtools.estimators.least_squares import IDIMLS
 from ivtools.estimators.refined import IDIMPIV
 from ivtools.record import Record

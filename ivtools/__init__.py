@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
     from ivtools import datasets as datasets
     from ivtools import errors as errors
     from ivtools import estimators as estimators
-    from ivtools.estimators.instrumental import IDIMBCIV as IDIMBCIV
+    from ivtools.estimators.compensated import IDIMBCIV as IDIMBCIV
     from ivtools.estimators.instrumental import IDIMIV as IDIMIV
     from ivtools.estimators.least_squares import IDIMLS as IDIMLS
     from ivtools.estimators.least_squares import IDIMWLS as IDIMWLS

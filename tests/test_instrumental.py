@@ -9,7 +9,8 @@ from linearmodels.iv import IV2SLS
 import ivtools as iv
 from ivtools.errors import ConvergenceWarning, EstimationError
 from ivtools.estimators.alignment import aligned, force_shift
-from ivtools.estimators.instrumental import IDIMBCIV, IDIMIV, settled_rows
+from ivtools.estimators.compensated import IDIMBCIV, settled_rows
+from ivtools.estimators.instrumental import IDIMIV
 from ivtools.estimators.least_squares import IDIMLS
 from ivtools.pipeline import Pipeline
 

@@ -12,7 +12,8 @@ import ivtools as iv
 from ivtools.errors import ConvergenceWarning
 from ivtools.estimators import METHODS
 from ivtools.estimators.base import estimator_class
-from ivtools.estimators.instrumental import IDIMBCIV, IDIMIV
+from ivtools.estimators.compensated import IDIMBCIV
+from ivtools.estimators.instrumental import IDIMIV
 from ivtools.estimators.least_squares import IDIMLS
 from ivtools.estimators.refined import IDIMPIV
 from ivtools.linalg import solve_iv

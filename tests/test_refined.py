@@ -12,7 +12,7 @@ from statsmodels.tsa.arima_process import arma_acovf
 import ivtools as iv
 from ivtools.errors import EstimationError
 from ivtools.estimators.bound import cramer_rao, position_autocovariance, sensitivities
-from ivtools.estimators.instrumental import IDIMBCIV
+from ivtools.estimators.compensated import IDIMBCIV
 from ivtools.estimators.noise import NoiseModel, segment_starts
 from ivtools.estimators.refined import IDIMPIV, whiteness
 from ivtools.record import Record

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
-from ivtools.estimators.instrumental import settled_rows, within_bounds
+from ivtools.estimators.compensated import settled_rows
+from ivtools.estimators.instrumental import within_bounds
 from ivtools.estimators.iteration import Start, starting_values
 from ivtools.linalg import influence
 

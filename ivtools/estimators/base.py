@@ -20,7 +20,7 @@ METHODS = {
     "idim-ls": "least_squares:IDIMLS",
     "idim-wls": "least_squares:IDIMWLS",
     "idim-iv": "instrumental:IDIMIV",
-    "idim-bciv": "instrumental:IDIMBCIV",
+    "idim-bciv": "compensated:IDIMBCIV",
     "idim-piv": "refined:IDIMPIV",
     "ml": "maximum_likelihood:ML",
     "set-membership": "set_membership:SetMembership",

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 FAR = 0.1  # a step that moves a parameter by more is far from convergence
-SETTLING_ROWS = 6  # decimated rows at either end that its filter's start and stop reach
 _HALVINGS = 6
 
 
@@ -228,71 +227,6 @@ class IDIMIV(Estimator):
         )
 
 
-@dataclass(frozen=True)
-class IDIMBCIV(IDIMIV):
-    """Bias-compensated instrumental variables: right where the measurement's model is not.
-
-    Noise apart, y = X theta does not hold exactly: the command is held over a sample, the
-    position passes a low-pass and differences that the force does not, sign(dq) is a guess around
-    standstill. No instrument removes such errors, for they move with it. But the simulated loop,
-    through the same pipeline, makes them as well: at the true theta, y_s - X_s theta *is* the
-    error. So each step solves
-
-        Z' (y - (y_s - X_s theta_k) - X theta) = 0,    Z = X_s(theta_k).
-
-    On a record without noise it returns theta to the accuracy of the simulation. Two more
-    sources of error are closed: the direction of motion is the simulated one on both sides
-    (`Problem.paired_rows`), and the rows at the ends, where filters extrapolate noise, are left
-    out, which alone divides the variance by up to ten at a noisy encoder.
-
-    The principle is that of bias-compensating estimators and of indirect inference, with one
-    noise-free simulation in the place of the binding function.
-
-    Parameters
-    ----------
-    cov_type, tol, max_iter, start, scale_gain, filtered, weighted, robust
-        As for `IDIMIV`.
-
-    References
-    ----------
-    C. Gourieroux, A. Monfort, E. Renault, "Indirect inference", J. Applied Econometrics 8, 1993;
-    P. Stoica, T. Soderstrom, "Bias correction in least-squares identification", Int. J. Control
-    35(3), 1982.
-
-    Examples
-    --------
-    >>> import ivtools as iv
-    >>> loop = iv.axes.emps().with_terms("inertia", "asymmetric-friction")
-    >>> record = iv.datasets.twin()
-    >>> fit = IDIMBCIV().fit(iv.Problem(record, loop))
-    >>> [round(float(fit.params[name] / true), 2) for name, true in record.theta_true.items()]
-    [1.0, 1.0, 1.0, 1.0, 1.0]
-    """
-
-    key: ClassVar[str] = "idim-bciv"
-
-    def system(self, problem: Problem, theta: Array, scale_gain: bool = False) -> System:
-        """Return the compensated equations and the instruments simulated at theta (p,)."""
-        at = within_bounds(problem, theta)
-        pair = problem.paired_rows(at, filtered=self.filtered, scale_gain=scale_gain)
-        error = pair.y_s - pair.X_s @ at  # (N,)
-        kept = settled_rows(problem)
-        y = pair.y - error
-        return System(
-            pair.X[kept], y[kept], pair.X_s[kept], problem.row_joints[kept], problem.t[kept]
-        )
-
-    def notes(self, problem: Problem, step: Step) -> tuple[str, ...]:
-        """Say what was compensated."""
-        error = step.system.y - self._measured(problem)
-        size = 100.0 * norm(error) / norm(step.system.y)
-        return (f"y is less the error that the simulated loop makes as well, {size:.3f} % of it",)
-
-    def _measured(self, problem: Problem) -> Array:
-        """Return the measured force at the rows that are used, (N,)."""
-        return problem.y[settled_rows(problem)]
-
-
 def within_bounds(problem: Problem, theta: Array) -> Array:
     """Return theta (p,) with every parameter inside its physical bounds, for a simulation.
 
@@ -306,25 +240,6 @@ def within_bounds(problem: Problem, theta: Array) -> Array:
         raise EstimationError(f"inertia is {inertia:.4g}; a simulation needs a positive one")
     bounds = [problem.loop.parameters[name] for name in problem.names]
     return np.clip(theta, [b.lower for b in bounds], [b.upper for b in bounds])
-
-
-def settled_rows(problem: Problem) -> NDArray[np.intp]:
-    """Return the rows that no filter has extrapolated into.
-
-    The decimation filter rings over some rows at either end; the differences at the end of the
-    record spoil what the pipeline trims at its head only.
-    """
-    pipeline, record = problem.pipeline, problem.record
-    head, tail = pipeline.trim
-    ringing = SETTLING_ROWS * pipeline.decimation if pipeline.decimation > 1 else 0
-    first = record.t[head] + (ringing - 0.5) * record.dt
-    last = record.t[-1 - max(head, tail)] - (ringing - 0.5) * record.dt
-    kept = np.flatnonzero((problem.t > first) & (problem.t < last))
-    if len(kept) <= len(problem.names):
-        raise EstimationError(
-            f"{len(kept)} rows are left between the ends; take a longer record, or decimate less"
-        )
-    return kept
 
 
 def huber(resids: Array, weights: Array | None = None) -> Array:
@@ -347,6 +262,3 @@ def huber(resids: Array, weights: Array | None = None) -> Array:
 def norm(x: Array) -> float:
     """Return the Euclidean norm."""
     return float(np.linalg.norm(x))
-
-
-__all__ = ["FAR", "IDIMBCIV", "IDIMIV", "System", "settled_rows", "within_bounds"]

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
-from ivtools.estimators.instrumental import IDIMBCIV, Step, System
+from ivtools.estimators.compensated import IDIMBCIV
+from ivtools.estimators.instrumental import Step, System
 from ivtools.estimators.noise import MAX_ORDER, Criterion, NoiseModel, segment_starts
 from ivtools.linalg import Weights, covariance, solve_iv
 
