@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -199,6 +200,26 @@ def burst(rng: np.random.Generator, n: int) -> tuple[np.ndarray, list]:
     return force, when
 
 
+def background(file: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Reference of an EMPS record, and the force that an asymmetric friction model leaves, N.
+
+    The residual of the inverse model below 60 Hz, from the raw file: real structure that no one has
+    put there, of random sign and size.
+    """
+    from scipy.io import loadmat
+
+    raw = loadmat(Path(os.environ["IVTOOLS_DATA"]) / file)
+    q, nu, ref = (np.ravel(raw[k]).astype(float) for k in ("qm", "vir", "qg"))
+    b, a = signal.butter(4, 2 * 60.0 * DT)
+    q, tau = signal.filtfilt(b, a, q), signal.filtfilt(b, a, nu) * 35.15065188
+    v = np.gradient(q, DT)
+    up, down = v > 0, v < 0
+    X = np.column_stack([np.gradient(v, DT), v * up, 1.0 * up, v * down, 1.0 * down])
+    rest = tau - X @ np.linalg.lstsq(X, tau, rcond=None)[0]
+    rest[:100] = rest[-100:] = 0.0
+    return ref, rest
+
+
 def draw(seed: int, suite: str, effects: list[str]) -> Case:
     """Draw one case; draw again until its effects are detectable."""
     for attempt in range(40):
@@ -218,6 +239,12 @@ def _attempt(rng: np.random.Generator, suite: str, effects: list[str]) -> Case |
     zero = np.zeros(n)
     peaks = [np.max(np.abs(play(axis, {}, r, zero, zero, zero, 0.0)[1])) for r in refs]
     axis.noise["peak"] = float(min(peaks))
+    if suite == "background":
+        n = 24841
+        zero = np.zeros(n)
+        size = rng.uniform(0.5, 1.5) * rng.choice([-1, 1])
+        pairs = [background(f, rng) for f in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")]
+        refs, adds = [r for r, _ in pairs], [zero, zero]
     values = {e: EFFECTS[e](rng) for e in effects}
     fs = [forces(rng, axis, n) for _ in range(2)]
     ns = [axis.noise["position"] * rng.normal(size=n) for _ in range(2)]
@@ -230,6 +257,8 @@ def _attempt(rng: np.random.Generator, suite: str, effects: list[str]) -> Case |
         if not s >= DETECTABLE:
             return None
     when: list = []
+    if suite == "background":
+        fs = [f + size * b for f, (_, b) in zip(fs, pairs, strict=True)]
     if suite == "bursts":
         more, when = burst(rng, n)
         fs[int(rng.integers(2))] += more
@@ -237,6 +266,7 @@ def _attempt(rng: np.random.Generator, suite: str, effects: list[str]) -> Case |
     if not all(np.isfinite(x).all() for x in runs):
         return None
     records = [_scaled(axis, r, a, x) for r, a, x in zip(refs, adds, runs, strict=True)]
+    kind = "emps" if suite == "background" else kind
     label = {"effects": list(effects), "suite": suite, "reference": str(kind), "signature": sizes,
              "events": when, "parameters": {e: {k: float(v) for k, v in p.items()} for e, p in values.items()},
              "mass": axis.p[0] * axis.mass}
@@ -262,7 +292,7 @@ def axis_file(axis: Axis) -> dict:
             "drive": {"gain": gain}, "model": {"terms": ["inertia", "viscous", "coulomb", "offset"]}}
 
 
-SUITES = ("single", "none", "bursts", "two", "small")
+SUITES = ("single", "none", "bursts", "two", "background", "outside")
 PAIRS = [("asymmetric-viscous", "cogging"), ("stribeck", "spring"), ("drive-timing", "asymmetric-viscous"),
          ("position-friction", "flexibility"), ("load-friction", "offset-drift"), ("presliding", "spring"),
          ("controller-mismatch", "asymmetric-viscous"), ("friction-drift", "cogging"),
@@ -275,6 +305,12 @@ def plan(suite: str, count: int) -> list[tuple[int, list[str]]]:
         return [(k, [e]) for k in range(count) for e in EFFECTS]
     if suite == "two":
         return [(k, list(pair)) for k in range(count) for pair in PAIRS]
+    if suite == "background":
+        named = [[], ["asymmetric-viscous"], ["cogging"], [], ["drive-timing"], ["spring"], [], ["flexibility"],
+                 ["stribeck"], [], ["load-friction"], ["position-friction"]]
+        return [(k, e) for k in range(count) for e in named]
+    if suite == "outside":
+        return [(k, [e]) for k in range(count) for e in EFFECTS if e not in ("saturation", "controller-mismatch")]
     return [(k, []) for k in range(count)]
 
 

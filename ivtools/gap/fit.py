@@ -132,6 +132,8 @@ def gauss_newton(
     values, free = dict(values), tuple(free)
     simulation = fold.simulate(loop, values)
     e = fold.judged(loop, simulation)
+    if not simulation.finite:  # nothing to descend on: its cost says so
+        return Fit(fold, loop, values, free, e, np.zeros((len(e), len(free))))
     J = jacobian(fold, loop, values, free, step, simulation, e)
     for _ in range(iterations):
         move = _solve(J, e, np.array([step[n] for n in free]))

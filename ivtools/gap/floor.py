@@ -89,7 +89,7 @@ def measure(fit: Fit, response: Response, raw: Array, periods: tuple[float, ...]
     period = reference_period(fold.record)
     return Floor(
         whitener=whitener,
-        noise=float(np.sqrt(np.mean(rest[quiet] ** 2))),
+        noise=_size(whitener),
         generic=float(np.mean(white[keep & ~mask] ** 2)),
         period=period,
         passes=_passes(raw, keep & ~mask, period, dt),
@@ -167,6 +167,12 @@ def _level(white: Array, keep: Mask, dt: float) -> float:
         return float(np.sqrt(np.mean(white[keep] ** 2)))
     correction = (1.0 - 2.0 / (9.0 * width)) ** 3
     return float(np.sqrt(np.median(energy[full]) / correction))
+
+
+def _size(whitener: Array) -> float:
+    """Return the rms of the noise that this polynomial whitens."""
+    impulse = signal.lfilter([1.0], whitener, np.r_[1.0, np.zeros(4000)])
+    return float(np.sqrt(np.sum(impulse**2)))
 
 
 def _typical(white: Array, keep: Mask, dt: float) -> Mask:

@@ -29,7 +29,7 @@ Progress = Callable[[str], None]
 
 _ADEQUATE = 1.12  # whitened energy over the floor below which nothing is missing
 _CLOSED = 0.8  # share of the reducible energy beyond which the gap is explained
-_SEGMENTS = 8  # alternating stretches of a record that has to judge itself
+_SEGMENTS = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)  # stretches of a record that judges itself
 _MOVED = 1.5  # frozen over re-tuned energy that speaks of a changed setting
 _FEW, _SHORT = 5, 0.25  # stretches of a record, and its share, that an outside force may take
 _STEADY = 1.3  # most that smooth laws of the state leave where a gap is repeatable
@@ -165,15 +165,28 @@ def _sides(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit,
         return tuple(m.side for m in measured), tuple(m.base for m in measured)
     (only,) = measured
     fold = only.side.fold
-    number = np.arange(fold.record.n_samples) * _SEGMENTS // fold.record.n_samples
+    first = _first_half(fold.record)
     sides, fits = [], []
-    for part in (0, 1):
-        half = fold.only(number % 2 == part, f"part {part + 1}")
+    for label, half_keep in (("part 1", first), ("part 2", ~first)):
+        half = fold.only(half_keep, label)
         side = replace(only.side, fold=half)
         step = steps(half, only.base.loop, side.scales)
         sides.append(side)
         fits.append(gauss_newton(half, only.base.loop, only.base.values, only.base.free, step, 4))
     return tuple(sides), tuple(fits)
+
+
+def _first_half(record: Record) -> NDArray[np.bool_]:
+    """Return alternating stretches that move as the others do: speed, direction, acceleration."""
+    assert record.q_ref is not None
+    n = record.n_samples
+    q = record.q_ref[:, 0] - record.q_ref.mean()
+    dq = np.gradient(q)
+    ddq = np.gradient(dq)
+    looks = np.column_stack([np.sign(dq), dq, np.abs(dq), np.abs(ddq), q, q * np.sign(dq)])
+    looks = looks / np.maximum(np.std(looks, axis=0), 1e-300)
+    halves = [np.arange(n) * k // n % 2 == 0 for k in _SEGMENTS]
+    return min(halves, key=lambda h: float(np.sum((looks[h].mean(axis=0) - looks[~h].mean(axis=0)) ** 2)))
 
 
 def _answer(

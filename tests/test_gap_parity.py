@@ -1,0 +1,69 @@
+"""Controller parity needs no plant model: what was changed must come back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from ivtools.gap import parity
+
+THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+
+
+@pytest.fixture(scope="module")
+def loop():
+    return iv.axes.emps()
+
+
+def played(loop, added=None, **changes):
+    """Return a record of a loop whose controller differs."""
+    other = replace(loop, controller=replace(loop.controller, **changes))
+    given = iv.datasets.twin()
+    if added is not None:
+        given = given.replace(added=added)
+    sim = other.simulate(given, THETA, initial="rest", quantum=5e-8)
+    return given.replace(q=sim.q, nu=sim.nu)
+
+
+def test_a_right_controller_leaves_nothing(loop):
+    found = parity.check(iv.datasets.twin(), loop)
+    assert found.after < 1e-9 and not found.mismatch and found.delay == 1
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_a_shifted_log_is_a_delay(loop, delay):
+    found = parity.check(played(loop, delay=delay), loop)
+    assert found.delay == delay and not found.mismatch
+
+
+@pytest.mark.parametrize(("name", "value"), [("kp", 0.03), ("kv", -0.02), ("velocity_filter", 0.05)])
+def test_wrong_settings_come_back(loop, name, value):
+    changes = {"kp": 0.0, "kv": 0.0, "velocity_filter": 0.0} | {name: value}
+    other = loop.controller.with_mismatch(**changes)
+    record = played(loop, settings=other.settings, velocity_filter=other.velocity_filter)
+    found = parity.check(record, loop)
+    assert set(found.mismatch) == {name}
+    assert found.mismatch[name] == pytest.approx(value, abs=1e-3)
+
+
+def test_an_added_input_of_another_size_comes_back(loop):
+    n = iv.datasets.twin().n_samples
+    added = 1.0 * ((np.arange(n) // 700) % 2)
+    record = played(loop, added=1.03 * added).replace(added=added)
+    assert parity.check(record, loop).mismatch == {"added": pytest.approx(0.03, abs=1e-3)}
+
+
+def test_a_limit_that_nobody_declared_comes_back(loop):
+    found = parity.check(played(loop, limit=3.0), loop)
+    assert found.limit == pytest.approx(3.0, rel=1e-3)
+
+
+def test_the_emps_log_shows_delay_0(loop, emps):
+    found = parity.check(emps, loop)
+    assert found.delay == 0 and found.after < 0.0025 and not found.mismatch
+
+
+def test_the_emps_pulses_are_not_what_was_recorded(loop, emps_pulses):
+    found = parity.check(emps_pulses, loop)
+    assert found.mismatch == {"added": pytest.approx(0.0146, abs=5e-4)}
