@@ -7,7 +7,7 @@ import pytest
 
 import ivtools as iv
 from ivtools.errors import ConvergenceWarning, EstimationError
-from ivtools.estimators import CLIE, DIDIM
+from ivtools.estimators import CLIE, CLOE, DDMIV, DIDIM
 from ivtools.estimators.sensitivities import SimulatedSignal, scans
 from ivtools.linalg import solve_iv
 
@@ -244,3 +244,39 @@ def test_what_a_problem_does_not_know(exact, method, message):
 def test_no_start_is_no_search():
     with pytest.raises(EstimationError, match="starts = 0 must be 1 or more"):
         CLIE(starts=0)
+
+
+# --- units and controllers --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", [DIDIM(), CLIE(), CLOE(), DDMIV()], ids=lambda m: m.key)
+def test_units_scale_the_results_and_nothing_else(twin, method):
+    """The same axis as a small revolute one: positions times 20, forces times 1e-4."""
+    length, force = 20.0, 1e-4
+    loop = iv.axes.emps()
+    problem = iv.Problem(twin, loop)
+    settings = {**loop.controller.settings, "kv": loop.controller.settings["kv"] / length}
+    small = replace(
+        loop,
+        joint="revolute",
+        gain=loop.gain * force,
+        controller=replace(loop.controller, settings=settings),
+        start={"inertia": loop.start["inertia"] * force / length},
+    )
+    record = twin.replace(q=twin.q * length, q_ref=twin.q_ref * length, theta_true=None)
+    one, other = method.fit(problem), method.fit(iv.Problem(record, small))
+    scales = np.array([force / length, force / length, force, force])
+    np.testing.assert_allclose(other.params, scales * one.params, rtol=1e-5)
+    np.testing.assert_allclose(other.std_errors, scales * one.std_errors, rtol=1e-3)
+    assert abs(other.n_iter - one.n_iter) <= 1
+
+
+def test_another_control_law(twin):
+    controller = iv.axes.emps().controller
+    gains = {"kp": 160.18 * 243.45, "kd": 243.45}
+    loop = replace(iv.axes.emps(), controller=replace(controller, kind="pd", settings=gains))
+    problem = noise_free(twin, loop, TRUE)
+    far = DIDIM(start=named(FAR)).fit(problem)
+    assert far.converged
+    np.testing.assert_allclose(far.params, DIDIM().fit(problem).params, rtol=1e-4)
+    np.testing.assert_allclose(CLIE().fit(problem).params, list(TRUE.values()), rtol=1e-6)

@@ -68,7 +68,7 @@ class OLOE(SimulatedError):
     key: ClassVar[str] = "oloe"
 
     signal: Signal = "position"
-    starts: int = 5
+    starts: int = 3
     spread: float = 0.05
 
     def compared(self, problem: Problem) -> Problem:
