@@ -38,8 +38,8 @@ study = Study(cases, {"slow": Slow(), "ls": iv.IDIMLS()}, seeds=SEEDS)
 """
 RUN = """
 import sys
-from ivtools.study import load, run
-run.BLOCK_S = 0.05
+from ivtools.study import load, plan
+plan.BLOCK_S = 0.05
 load(sys.argv[1]).run(n_jobs=int(sys.argv[3]), path=sys.argv[2])
 """
 

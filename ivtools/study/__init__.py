@@ -4,11 +4,11 @@ from ivtools.study.bound import cramer_rao as cramer_rao
 from ivtools.study.case import Case as Case
 from ivtools.study.named import NAMES as NAMES
 from ivtools.study.named import load as load
+from ivtools.study.plan import Progress as Progress
 from ivtools.study.reference import BangBang as BangBang
 from ivtools.study.reference import Multisine as Multisine
 from ivtools.study.reference import Recorded as Recorded
 from ivtools.study.reference import Trapezoids as Trapezoids
-from ivtools.study.run import Progress as Progress
 from ivtools.study.run import Study as Study
 from ivtools.study.score import Score as Score
 from ivtools.study.table import COLUMNS as COLUMNS

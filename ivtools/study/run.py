@@ -2,56 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ivtools.errors import IVToolsError, MissingExtraError
+from ivtools.errors import IVToolsError
 from ivtools.study import work
 from ivtools.study.case import Case
 from ivtools.study.outcome import identity, labelled
+from ivtools.study.plan import Pace, Progress, Task, gaps
 from ivtools.study.table import Block, Store, frame
+from ivtools.study.workers import Backend, outcomes
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
     from ivtools.study.score import Score
-
-Backend = Literal["loky", "threading", "dask"]
-
-BLOCK_S = 2.0  # s of work in a block, once the pace is known
-LARGEST_BLOCK = 500
-TIMEOUT_S = 20.0  # for a Dask scheduler to answer
-
-
-class Progress(NamedTuple):
-    """How far a study is.
-
-    Attributes
-    ----------
-    done, total : int
-        Repetitions (one record and all its fits), of this run.
-    elapsed, left : float
-        s.
-    """
-
-    done: int
-    total: int
-    elapsed: float
-    left: float
-
-
-class Task(NamedTuple):
-    """A block of work, and the case with its estimators: themselves, or as bytes to be sent."""
-
-    block: Block
-    sent: bytes | work.Bench
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,9 +107,10 @@ class Study:
         store = _store(path)
         away = backend == "dask" or (n_jobs != 1 and backend == "loky")
         plan = list(self._missing(store, away))
-        pace = _Pace(sum(b.last - b.first for b, _ in plan), progress)
+        pace = Pace(sum(b.last - b.first for b, _ in plan), progress)
         parts: list[pa.Table] = []
-        for block, table, seconds in _outcomes(plan, pace, n_jobs, backend, scheduler):
+        tasks = pace.blocks(plan)
+        for block, table, seconds in outcomes(tasks, n_jobs, backend, scheduler) if plan else ():
             if store is None:
                 parts.append(table)
             else:
@@ -195,101 +164,10 @@ class Study:
         """Yield what is not finished: ranges of repetitions and the estimators they lack."""
         done = [] if store is None else [block for _, block in store.blocks()]
         for case, block in zip(self.cases, self._blocks(), strict=True):
-            for estimators, first, last in _gaps(block, [b for b in done if b.case == block.case]):
+            for estimators, first, last in gaps(block, [b for b in done if b.case == block.case]):
                 mine = {k: self._labelled[k] for k in estimators}
                 sent = work.payload(case, mine) if away else work.Bench(case, mine)
                 yield Task(Block(block.case, estimators, first, last), sent)
-
-
-class _Pace:
-    """How long a repetition takes, and what that means for blocks and the time left."""
-
-    def __init__(self, total: int, progress: Callable[[Progress], object] | None):
-        self.total, self.progress, self.done = total, progress, 0
-        self.start, self.per_seed = perf_counter(), 0.0
-
-    def tick(self, seeds: int, seconds: float) -> None:
-        """Note that so many repetitions took a worker so long."""
-        self.done += seeds
-        fresh = seconds / seeds
-        self.per_seed = fresh if not self.per_seed else 0.5 * (self.per_seed + fresh)
-        if self.progress is not None:
-            elapsed = perf_counter() - self.start
-            left = elapsed / self.done * (self.total - self.done)
-            self.progress(Progress(self.done, self.total, elapsed, left))
-
-    def blocks(self, plan: Iterable[Task]) -> Iterator[Task]:
-        """Cut ranges into blocks of about `BLOCK_S`, as long as the pace says when it is asked."""
-        for block, sent in plan:
-            first = block.first
-            while first < block.last:
-                size = max(1, int(BLOCK_S / self.per_seed)) if self.per_seed else 1
-                last = min(first + min(size, LARGEST_BLOCK), block.last)
-                yield Task(Block(block.case, block.estimators, first, last), sent)
-                first = last
-
-
-def _gaps(wanted: Block, done: Iterable[Block]) -> Iterator[tuple[dict[str, str], int, int]]:
-    """Yield runs of repetitions and, for each, the estimators that have not seen them."""
-    keys = list(wanted.estimators)
-    lacking = np.ones((len(keys), wanted.last), dtype=bool)
-    for block in done:
-        for row, key in enumerate(keys):
-            if block.estimators.get(key) == wanted.estimators[key]:
-                lacking[row, block.first : block.last] = False
-    changes = np.flatnonzero((lacking[:, 1:] != lacking[:, :-1]).any(axis=0)) + 1
-    edges = [0, *changes.tolist(), wanted.last]
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
-        if lacking[:, first].any():
-            open_ = {k: wanted.estimators[k] for row, k in enumerate(keys) if lacking[row, first]}
-            yield open_, first, last
-
-
-def _timed(block: Block, sent: bytes | work.Bench) -> tuple[Block, pa.Table, float]:
-    start = perf_counter()
-    table = work.work(sent, block.first, block.last)
-    return block, table, perf_counter() - start
-
-
-def _outcomes(
-    plan: list[Task], pace: _Pace, n_jobs: int, backend: Backend, scheduler: str | None
-) -> Iterator[tuple[Block, pa.Table, float]]:
-    """Yield the finished blocks as they come."""
-    import joblib
-
-    tasks = pace.blocks(plan)
-    if n_jobs == 1 and backend != "dask":
-        yield from (_timed(*task) for task in tasks)
-    elif plan:
-        with _parallel(backend, scheduler):
-            n_jobs = -1 if backend == "dask" else n_jobs
-            parallel = joblib.Parallel(n_jobs, batch_size=1, return_as="generator_unordered")
-            yield from parallel(joblib.delayed(_timed)(*task) for task in tasks)
-
-
-@contextmanager
-def _parallel(backend: Backend, scheduler: str | None) -> Iterator[None]:
-    """Set joblib's backend."""
-    import joblib
-
-    if backend != "dask":
-        with joblib.parallel_config(backend=backend):
-            yield
-        return
-    try:
-        from distributed import Client, get_client
-    except ImportError as error:
-        raise MissingExtraError("distributed", "distributed") from error
-    if scheduler is None:
-        with joblib.parallel_config(backend="dask", client=get_client()):
-            yield
-        return
-    try:
-        client = Client(scheduler, set_as_default=False, timeout=TIMEOUT_S)
-    except (OSError, ValueError) as error:
-        raise IVToolsError(f"no Dask scheduler answers at {scheduler} ({error})") from error
-    with client, joblib.parallel_config(backend="dask", client=client):
-        yield
 
 
 def _store(path: str | Path | None) -> Store | None:

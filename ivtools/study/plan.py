@@ -1,0 +1,83 @@
+"""The plan of a run: what is left to do, in blocks as long as the pace allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ivtools.study.table import Block
+from ivtools.study.work import Bench
+
+BLOCK_S = 2.0  # s of work in a block, once the pace is known
+LARGEST_BLOCK = 500
+
+
+class Progress(NamedTuple):
+    """How far a study is.
+
+    Attributes
+    ----------
+    done, total : int
+        Repetitions (one record and all its fits), of this run.
+    elapsed, left : float
+        s.
+    """
+
+    done: int
+    total: int
+    elapsed: float
+    left: float
+
+
+class Task(NamedTuple):
+    """A block of work, and the case with its estimators: themselves, or as bytes to be sent."""
+
+    block: Block
+    sent: bytes | Bench
+
+
+class Pace:
+    """How long a repetition takes, and what that means for blocks and the time left."""
+
+    def __init__(self, total: int, progress: Callable[[Progress], object] | None):
+        self.total, self.progress, self.done = total, progress, 0
+        self.start, self.per_seed = perf_counter(), 0.0
+
+    def tick(self, seeds: int, seconds: float) -> None:
+        """Note that so many repetitions took a worker so long."""
+        self.done += seeds
+        fresh = seconds / seeds
+        self.per_seed = fresh if not self.per_seed else 0.5 * (self.per_seed + fresh)
+        if self.progress is not None:
+            elapsed = perf_counter() - self.start
+            left = elapsed / self.done * (self.total - self.done)
+            self.progress(Progress(self.done, self.total, elapsed, left))
+
+    def blocks(self, plan: Iterable[Task]) -> Iterator[Task]:
+        """Cut ranges into blocks of about `BLOCK_S`, as long as the pace says when it is asked."""
+        for block, sent in plan:
+            first = block.first
+            while first < block.last:
+                size = max(1, int(BLOCK_S / self.per_seed)) if self.per_seed else 1
+                last = min(first + min(size, LARGEST_BLOCK), block.last)
+                yield Task(Block(block.case, block.estimators, first, last), sent)
+                first = last
+
+
+def gaps(wanted: Block, done: Iterable[Block]) -> Iterator[tuple[dict[str, str], int, int]]:
+    """Yield runs of repetitions and, for each, the estimators that have not seen them."""
+    keys = list(wanted.estimators)
+    lacking = np.ones((len(keys), wanted.last), dtype=bool)
+    for block in done:
+        for row, key in enumerate(keys):
+            if block.estimators.get(key) == wanted.estimators[key]:
+                lacking[row, block.first : block.last] = False
+    changes = np.flatnonzero((lacking[:, 1:] != lacking[:, :-1]).any(axis=0)) + 1
+    edges = [0, *changes.tolist(), wanted.last]
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        if lacking[:, first].any():
+            open_ = {k: wanted.estimators[k] for row, k in enumerate(keys) if lacking[row, first]}
+            yield open_, first, last
