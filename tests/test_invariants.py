@@ -38,7 +38,9 @@ TERMS = {
 # Methods whose equations hold exactly on a record without noise, and how exactly they solve them.
 # The others take a held command and a low-passed motion for simultaneous.
 EXACT = {"idim-bciv": 1e-5, "idim-piv": 1e-5, "clie": 1e-4, "cloe": 1e-4, "oloe": 1e-4}
-LOOSE = {"set-membership": 0.1}  # the centre of what the bounds leave
+# A set of feasible parameters, and a random search that is as good as its population is large,
+# have tests of their own.
+POINTS = [method for method in METHODS if method not in ("set-membership", "nsga2")]
 REGRESSIONS = [IDIMLS(), IDIMIV(tol=1e-8), IDIMBCIV(tol=1e-8), IDIMPIV(tol=1e-8)]
 
 
@@ -60,11 +62,11 @@ def problem_of(model: str, noisy: bool = False) -> iv.Problem:
 
 
 @pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", POINTS)
 def test_without_noise_every_method_returns_the_truth(method, model):
     fit = estimator_class(method)().fit(problem_of(model))
     truth = MODELS[model]
-    tolerance = {**EXACT, **LOOSE}.get(method, 0.03)
+    tolerance = EXACT.get(method, 0.03)
     for name in truth:
         assert fit.params[name] == pytest.approx(truth[name], rel=tolerance, abs=tolerance), name
 
@@ -80,10 +82,11 @@ def test_without_noise_every_method_returns_the_truth(method, model):
 )
 def test_instruments_that_are_the_regressor_give_least_squares(seed, p, scales):
     rng = np.random.default_rng(seed)
-    X, y = rng.standard_normal((40, p)) * 10.0 ** np.array(scales[:p]), rng.standard_normal(40)
+    columns, y = rng.standard_normal((40, p)), rng.standard_normal(40)
+    X = columns * 10.0 ** np.array(scales[:p])
     ls = solve_iv(X, y)
     np.testing.assert_allclose(solve_iv(X, y, X), ls, rtol=1e-9)
-    mixed = X @ (np.eye(p) + np.triu(np.ones((p, p)), 1))  # the same space
+    mixed = columns @ (np.eye(p) + np.triu(np.ones((p, p)), 1))  # the same space
     np.testing.assert_allclose(solve_iv(X, y, mixed), ls, rtol=1e-6)
 
 
