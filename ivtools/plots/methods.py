@@ -80,7 +80,7 @@ def _projection(ax: Axes, found: FeasibleSet, corners: Array, i: int, j: int) ->
 
 
 def pareto(front: ParetoFront, *, width_mm: float = WIDTH_MM) -> Sheet:
-    """Draw a Pareto front, each pair of objectives, its knee marked.
+    """Draw a Pareto front, its first objective against the others, its knee marked.
 
     Examples
     --------
@@ -91,15 +91,16 @@ def pareto(front: ParetoFront, *, width_mm: float = WIDTH_MM) -> Sheet:
     >>> len(pareto(front).axes)
     1
     """
-    pairs = list(combinations(range(len(front.objectives)), 2))
+    first, *others = front.objectives
     with look():
-        figure = sheet(width_mm, 38.0)
-        axes = figure.subplots(1, len(pairs), squeeze=False).ravel()
-        for ax, (i, j) in zip(axes, pairs, strict=True):
-            ax.plot(front.errors[:, i], front.errors[:, j], ".", color=COLOURS["measured"], ms=3)
-            ax.plot(*front.errors[front.knee, [i, j]], "o", color=COLOURS["model"], ms=4)
-            ax.set_xlabel(f"{front.objectives[i]} error (%)")
-            ax.set_ylabel(f"{front.objectives[j]} error (%)")
+        figure = sheet(width_mm, 12.0 + 28.0 * len(others))
+        axes = figure.subplots(len(others), 1, sharex=True, squeeze=False).ravel()
+        for j, (ax, name) in enumerate(zip(axes, others, strict=True), start=1):
+            ax.plot(front.errors[:, 0], front.errors[:, j], ".", color=COLOURS["measured"], ms=3)
+            ax.plot(*front.errors[front.knee, [0, j]], "o", color=COLOURS["model"], ms=4)
+            ax.set_ylabel(f"{name} error (%)")
+        axes[-1].set_xlabel(f"{first} error (%)")
+        figure.align_ylabels()
         figure.suptitle(f"Pareto front of {len(front.theta)} points, knee marked", fontsize=7.5)
     return figure
 
@@ -132,7 +133,7 @@ def transfer_function(results: TransferFunctionResults, *, width_mm: float = WID
     return figure
 
 
-def leaderboard(board: Leaderboard, *, width_mm: float = WIDTH_MM) -> Sheet:
+def leaderboard(board: Leaderboard, *, width_mm: float = 1.5 * WIDTH_MM) -> Sheet:
     """Draw the free-run errors beside the force errors in closed loop.
 
     Examples
@@ -153,7 +154,7 @@ def leaderboard(board: Leaderboard, *, width_mm: float = WIDTH_MM) -> Sheet:
             right.barh(mine, np.nan_to_num([entries[i].force for i in mine]), color=colour)
         left.set_yticks(at, [entry.model for entry in entries])
         left.set_xlabel("Free run (mm)")
-        right.set_xlabel("Closed-loop force (%)")
+        right.set_xlabel("Force in closed loop (%)")
         legend_above(left)
     return figure
 
