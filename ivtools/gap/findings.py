@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 _LEAST_TIME = 3.0  # s of usable motion
 _GROSS = 0.15  # a larger error of a gain is a wrong axis file, not an effect
-_SATURATED = 0.2  # share of samples at the limit beyond which nothing can be said
+SATURATED = 0.2  # share of samples at the limit beyond which nothing can be said
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,11 @@ def _motion(record: Record, loop: ClosedLoop) -> list[Finding]:
 
 
 def _controller(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
-    if parity.clipped > _SATURATED:
+    if parity.clipped > SATURATED and parity.limit is not None:
+        return [Finding(f"the command is cut at {parity.limit:.4g} in {100 * parity.clipped:.0f} % of the "
+                        "samples, which the axis file does not say; put it in [controller] limit and "
+                        "use gentler references", fatal=False)]
+    if parity.clipped > SATURATED:
         return [Finding(f"the command sits at its limit in {100 * parity.clipped:.0f} % of the "
                         "samples; the loop is open there: use gentler references")]
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > _GROSS}

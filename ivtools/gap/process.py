@@ -107,6 +107,8 @@ def diagnose(
             measured = tuple(pool.map(_measure, records, checked))
     except IVToolsError as error:
         return _refused(record, loop, checked, [*found, findings.Finding(str(error))])
+    if any(p.clipped > findings.SATURATED for p in checked):
+        rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
     say("screening and fitting the effects")
     sides, result = _attributed(measured, rules, tuple(extra), tuple(without))
     say("where and how far")
@@ -246,12 +248,23 @@ def _how_far(
     values = {**result.fits[0].values}
     still = replace(after, values=values)
     level = measured[-1].floor
-    limits = [x for x in (level.noise, level.passes) if x is not None]
-    shrink = quantify(before, after, still, min(limits), held_out)
+    shrink = quantify(before, after, still, _reachable(level, after), held_out)
     record = after.fold.record
     e0, e1 = before.fold.force_error(before.loop, before.values), after.fold.force_error(after.loop, after.values)
     force = after.loop.force(record)[:, 0]
     return shrink, Traces(record, after.fold.keep, force, e0, e1, _spectra(record.dt, e0, e1, level))
+
+
+def _reachable(level: Floor, after: Fit) -> float:
+    """Return the force error that could be reached, N or N m rms.
+
+    Where the whitened error is at its floor nothing is left to close, and what remains is the
+    floor; the noise model alone, which knows little below some hertz, would set it too low.
+    """
+    e = after.fold.force_error(after.loop, after.values)[after.fold.keep]
+    left = float(np.sqrt(np.mean(e**2)))
+    limit = min(x for x in (level.noise, level.passes, left) if x is not None)
+    return limit + (left - limit) * float(np.clip((1.15 - after.cost) / 0.1, 0.0, 1.0))
 
 
 def _spectra(dt: float, e0: Array, e1: Array, level: Floor) -> tuple[Array, Array, Array, Array]:
