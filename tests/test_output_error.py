@@ -90,3 +90,11 @@ def test_further_starting_points_are_the_same_ones_every_time(exact):
 def test_measured_and_simulated_position_take_the_same_way(exact):
     signal = SimulatedSignal(exact, exact.names, {}, "position")
     np.testing.assert_allclose(signal(np.array(list(TRUE.values()))), signal.measured, atol=1e-12)
+
+
+def test_the_figure_names_the_signal(exact):
+    fit = CLOE().fit(exact)
+    above, below = fit.plot().axes
+    assert above.get_ylabel() == "Position (m)"
+    assert "Error" in below.get_ylabel()
+    assert "the error is that of the simulated position" in fit.notes

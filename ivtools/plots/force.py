@@ -15,6 +15,7 @@ from ivtools.plots.style import (
     line,
     look,
     sheet,
+    units_of,
 )
 
 if TYPE_CHECKING:
@@ -60,6 +61,9 @@ def force(
     t = results.t if problem is None else problem.t
     t = np.arange(len(y), dtype=float) if t is None else t
     name, unit = ("Force", "N") if joint == "prismatic" else ("Torque", "N m")
+    signal = results.extras.get("signal", "force") if problem is None else "force"
+    if signal != "force":  # what output error compares
+        name, unit = signal.capitalize(), units_of(joint)[signal]
     relative = 100.0 * np.linalg.norm(y - model) / np.linalg.norm(y)
     with look():
         figure = sheet(width_mm, 62.0)
@@ -74,6 +78,6 @@ def force(
         bottom.set_xlabel("Time (s)" if own is not None else "Row")
         legend_above(top)
         what = "cross-test" if problem is not None else "relative error"
-        figure.suptitle(title or f"{results.method.upper()}: {what} {relative:.2f} %", fontsize=7.5)
+        figure.suptitle(title or f"{results.method.upper()}: {what} {relative:.3g} %", fontsize=7.5)
         figure.align_ylabels()
     return figure
