@@ -7,18 +7,16 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ivtools import axes, datasets
 from ivtools.comparison import Comparison, compare
 from ivtools.estimators.base import estimator_class
 from ivtools.gap import Diagnosis, diagnose
+from ivtools.pages import add_simulation, force_picture
 from ivtools.problem import Problem
 from ivtools.report import Page, Picture
 from ivtools.tables import Text, table
 
 if TYPE_CHECKING:
-    from ivtools.record import Record
     from ivtools.results import FitResults
 
 #: What the demo does, in order: methods with symmetric and with asymmetric friction.
@@ -105,9 +103,9 @@ def demo(progress: Callable[[str], object] = str) -> Demo:
 
     Examples
     --------
-    >>> result = demo()
-    >>> bool(abs(result.best[0].params["inertia"] / 95.0 - 1.0) < 0.01)
-    True
+    ::
+
+        page(demo()).write("report.html")
     """
     record, loop = datasets.twin(), axes.emps()
     problems = {name: Problem(record, loop.with_terms(*terms)) for name, terms in _TERMS.items()}
@@ -132,8 +130,9 @@ def page(result: Demo) -> Page:
         "Estimates against the truth",
         "The friction model is that of the truth: one viscous and one Coulomb coefficient per "
         "direction. Least squares takes the force of a sample for the force at that instant, and "
-        "its interval misses the true inertia; bias-compensated instrumental variables (IDIM-BCIV) and "
-        "input error (DIDIM) compare the record with a simulation that makes the same error.",
+        "its interval misses the true inertia; bias-compensated instrumental variables "
+        "(IDIM-BCIV) and input error (DIDIM) compare the record with a simulation that makes the "
+        "same error.",
         tables=[result.truth()],
         figures=[Picture("parameters", estimates, caption)],
     )
@@ -143,8 +142,8 @@ def page(result: Demo) -> Page:
         "The same record and method, first with friction that is the same in both directions, "
         "then with friction of its own in each.",
         figures=[
-            Picture("force-symmetric", plots.force(symmetric, title=_title(symmetric)), _FORCE),
-            Picture("force-asymmetric", plots.force(asymmetric, title=_title(asymmetric)), _FORCE),
+            force_picture(symmetric, "force-symmetric"),
+            force_picture(asymmetric, "force-asymmetric"),
         ],
     )
     diagnosis = result.diagnosis
@@ -161,54 +160,3 @@ def page(result: Demo) -> Page:
     add_simulation(out, result.best[-1])
     out.add("All methods", tables=[result.comparison.summary()])
     return out
-
-
-def comparison_page(comparison: Comparison, holdout: Record | None = None) -> Page:
-    """Return the page of a comparison: table, intervals, force and simulation."""
-    from ivtools import plots
-
-    first = comparison.results[0].problem
-    assert first is not None  # every estimator keeps its problem
-    out = Page(f"{first.record.name}: methods compared", f"{first.loop.name}, {first.record!r}.")
-    caption = "Estimates with 95 % intervals."
-    estimates = plots.parameters(comparison, truth=first.record.theta_true)
-    pictures = [Picture("parameters", estimates, caption)]
-    out.add("Comparison", tables=[comparison.summary()], figures=pictures)
-    test = "cross-test" if holdout is not None else "direct"
-    row = comparison.frame.index.get_loc(("relative_error", test))
-    best = comparison.results[int(np.nanargmin(comparison.frame.to_numpy()[row]))]
-    forces = [Picture("force", plots.force(best, title=_title(best)), _FORCE)]
-    if holdout is not None:
-        from dataclasses import replace
-
-        assert best.problem is not None
-        other = replace(best.problem, record=holdout)
-        forces.append(Picture("cross-test", plots.force(best, other), f"Hold-out. {_FORCE}"))
-    out.add("Force", f"The result with the smallest {test} error.", figures=forces)
-    add_simulation(out, best)
-    return out
-
-
-def add_simulation(out: Page, fit: FitResults) -> None:
-    """Add the closed loop simulated with a result to a page."""
-    from ivtools import plots
-
-    problem = fit.problem
-    assert problem is not None  # every estimator keeps its problem
-    simulated = problem.simulate(fit.params.to_numpy())
-    figure = plots.simulation(simulated, problem.record, problem.pipeline, width_mm=160.0)
-    caption = "Simulated and measured signals with their relative errors."
-    out.add(
-        "The closed loop simulated",
-        f"Driven by the record's reference alone, with the parameters of {fit.method.upper()}.",
-        figures=[Picture("simulation", figure, caption)],
-    )
-
-
-def _title(fit: FitResults) -> str:
-    """Return the title of a force figure: method, model, error."""
-    model = "asymmetric" if "viscous_pos" in fit.names else "symmetric"
-    return f"{fit.method.upper()}, {model} friction: {fit.relative_error:.2f} %"
-
-
-_FORCE = "Force measured and reconstructed; below, their difference."

@@ -28,6 +28,7 @@ ORDER = [
     ("gap", "study", "leaderboard"),
     ("plots",),
     ("report",),
+    ("pages",),
     ("reproduce", "demo"),
     ("cli",),
 ]

@@ -80,7 +80,7 @@ def test_the_page_is_written_whole_with_its_figures(page, tmp_path):
 
 
 def test_a_comparison_and_a_reproduction_make_pages(twin):
-    from ivtools.demo import comparison_page
+    from ivtools.pages import comparison_page
 
     loop = iv.axes.emps()
     fits = [iv.IDIMLS().fit(iv.Problem(twin, loop))]

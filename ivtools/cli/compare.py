@@ -65,7 +65,7 @@ def compare(
     comparison = side_by_side(fits.done, other)
     texts: list[object] = [comparison.summary(), *fits.failed]
     if out is not None:
-        from ivtools.demo import comparison_page
+        from ivtools.pages import comparison_page
 
         texts.append(f"report: {write_page(comparison_page(comparison, other), out)}")
     write_json(comparison.to_dict(), json)

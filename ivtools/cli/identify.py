@@ -10,8 +10,7 @@ from ivtools.cli import options
 from ivtools.cli.output import progress, show, write_json, write_page
 
 if TYPE_CHECKING:
-    from ivtools.report import Page
-    from ivtools.results import FitResults
+    pass
 
 
 def identify(
@@ -41,27 +40,9 @@ def identify(
     if tests:
         texts.append("\n".join(str(test) for test in fit.tests().values()))
     if out is not None:
-        texts.append(f"report: {write_page(page(fit), out)}")
+        from ivtools.pages import fit_page
+
+        texts.append(f"report: {write_page(fit_page(fit), out)}")
     if json is not None:
         write_json(fit.to_dict(), json)
     show(*texts, json_file=json)
-
-
-def page(fit: FitResults) -> Page:
-    """Return the page of one result: estimates, tests, force."""
-    from ivtools import plots
-    from ivtools.report import Page, Picture
-    from ivtools.tables import Text
-
-    problem = fit.problem
-    assert problem is not None  # every estimator keeps its problem
-    out = Page(
-        f"{problem.record.name}: {fit.method.upper()}",
-        f"Parameters of {problem.loop.name} identified from {problem.record!r}.",
-    )
-    caption = "Measured and reconstructed force; below, their difference."
-    picture = Picture("force", plots.force(fit), caption)
-    out.add("Estimates", tables=[fit.summary()], figures=[picture])
-    tests = "\n".join(str(test) for test in fit.tests().values())
-    out.add("Tests", *problem.record.notes, tables=[Text(tests)])
-    return out

@@ -13,9 +13,8 @@ from ivtools.cli.output import show, write_json, write_page
 from ivtools.errors import AxisError, EstimationError, IVToolsError, IVToolsWarning
 
 if TYPE_CHECKING:
-    from ivtools.loop import ClosedLoop, Simulation
+    from ivtools.loop import ClosedLoop
     from ivtools.record import Record
-    from ivtools.report import Page
     from ivtools.tables import Text
 
 LOST = 20.0  # % of the position; a loop that follows stays below 1 %
@@ -64,9 +63,12 @@ def simulate(
             IVToolsWarning,
             stacklevel=2,
         )
-    texts: list[object] = [_table(errors, source)]
+    found = _table(errors, source)
+    texts: list[object] = [found]
     if out is not None:
-        texts.append(f"report: {write_page(page(measured, simulation, texts[0]), out)}")
+        from ivtools.pages import simulation_page
+
+        texts.append(f"report: {write_page(simulation_page(measured, simulation, found), out)}")
     write_json({"relative_error": errors}, json)
     show(*texts, json_file=json)
 
@@ -93,16 +95,3 @@ def _table(errors: dict[str, float], source: str) -> Text:
     rows = [[signal, f"{error:.5g}"] for signal, error in errors.items()]
     header = ["signal", "relative error, %"]
     return table("Simulated against measured", [], header, rows, [f"parameters: {source}"])
-
-
-def page(record: Record, simulation: Simulation, table: object) -> Page:
-    """Return the page of one simulation."""
-    from ivtools import plots
-    from ivtools.report import Page, Picture
-
-    lead = f"{simulation.loop.name} simulated in closed loop on the reference of {record!r}."
-    out = Page(f"{record.name}: simulation", lead)
-    figure = plots.simulation(simulation, record, width_mm=160.0)
-    caption = "Simulated and measured signals, the errors below."
-    out.add("Relative errors", tables=[table], figures=[Picture("simulation", figure, caption)])  # type: ignore[list-item]
-    return out
