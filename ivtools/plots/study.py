@@ -115,21 +115,28 @@ def levels(
     return figure
 
 
-def heatmap(score: Score, *, width_mm: float = 2.0 * WIDTH_MM) -> Sheet:
+def heatmap(
+    score: Score, parameter: str | None = None, *, width_mm: float = 2.0 * WIDTH_MM
+) -> Sheet:
     """Draw the error of every estimator (down) in every case (across).
 
     Parameters
     ----------
     score : Score
+    parameter : str, optional
+        Default: the root mean square over all parameters.
     width_mm : float
         Width of the figure, mm.
 
     Returns
     -------
     Figure
-        Colour and number are the RMSE, the root mean square over the parameters, in %.
+        Colour and number are the RMSE, in % of the true value.
     """
-    table = score.overall.pivot(index="estimator", columns="case", values="rmse")
+    table = score.overall
+    if parameter is not None:
+        table = score.table[score.table["parameter"] == parameter]
+    table = table.pivot(index="estimator", columns="case", values="rmse")
     values = table.to_numpy(dtype=float)
     good = values[np.isfinite(values) & (values > 0.0)]
     lowest, highest = (good.min(), good.max()) if good.size else (0.1, 1.0)
@@ -147,7 +154,8 @@ def heatmap(score: Score, *, width_mm: float = 2.0 * WIDTH_MM) -> Sheet:
             text = f"{value:.2g}" if np.isfinite(value) else "\u2013"
             colour = "white" if dark else "black"
             axes.text(column, row, text, ha="center", va="center", color=colour, fontsize=6.5)
-        axes.set_title("RMSE over all parameters [%]")
+        what = "over all parameters" if parameter is None else f"of {_shown(parameter)}"
+        axes.set_title(f"RMSE {what} [%]")
     return figure
 
 
@@ -168,6 +176,9 @@ def figures(score: Score) -> list[tuple[str, Sheet, str]]:
             found.append((name, levels(score, factor), caption))
     cases = [str(c) for c in dict.fromkeys(score.table["case"])]
     if len(cases) > 1:
+        if "inertia" in set(score.table["parameter"]):
+            caption = "Error of the inertia, every estimator in every case."
+            found.append(("heatmap-inertia", heatmap(score, "inertia"), caption))
         caption = "Error of every estimator in every case, all parameters together."
         found.append(("heatmap", heatmap(score), caption))
     for case in cases if len(cases) <= 4 else cases[:: max(1, len(cases) - 1)]:
