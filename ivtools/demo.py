@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from ivtools import axes, datasets
@@ -153,9 +152,7 @@ def page(result: Demo) -> Page:
         "the diagnosis what is wrong with it; it screens every effect that it knows, and names one "
         "only if it replicates on parts of the record that it was not fitted to.",
         tables=[diagnosis.summary()],
-        figures=[Picture("diagnosis", diagnosis.plot(), "The diagnosis at a glance.")]
-        if find_spec("ivtools.plots.gap")
-        else [],
+        figures=[Picture("diagnosis", diagnosis.plot(), "The diagnosis at a glance.")],
     )
     add_simulation(out, result.best[-1])
     out.add("All methods", tables=[result.comparison.summary()])
