@@ -62,7 +62,7 @@ def test_committed_variance_is_near_the_bound(committed):
     ]
     ratio = refined[[not k for k in known]]["variance_over_bound"]
     assert ratio.mean() < 1.15
-    assert ratio.max() < 1.5  # a variance of 200 seeds is known to 10 %
+    assert ratio.max() < 1.15 * 1.25  # a variance of 200 seeds is known to 10 %
 
 
 def test_every_committed_fit_has_converged(committed):
