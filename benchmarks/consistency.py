@@ -7,9 +7,9 @@ makes of 200 such records, against the true parameters and the Cramer-Rao bound:
     python benchmarks/consistency.py --seeds 200
 
 writes benchmarks/results/consistency.csv and consistency.md. A variance of 200 records is known
-to 10 % only, so the efficiency of the two best has a longer run:
+to 10 % only; a longer run of some methods, under a name of its own, tells more:
 
-    python benchmarks/consistency.py --seeds 600 --methods idim-bciv idim-piv --name efficiency
+    python benchmarks/consistency.py --seeds 1000 --methods idim-bciv idim-piv --name efficiency
 """
 
 import argparse
