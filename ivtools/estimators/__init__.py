@@ -9,7 +9,17 @@ from ivtools.estimators.base import estimator_class
 from ivtools.estimators.base import reduce as reduce
 
 _CLASSES = {target.split(":")[1]: name for name, target in METHODS.items()}
-_OTHERS = {"StateDependentFriction": "state_dependent", "FrictionCurve": "friction_curve"}
+_OTHERS = {
+    "StateDependentFriction": "state_dependent",
+    "FrictionCurve": "friction_curve",
+    "FeasibleSet": "feasible_set",
+    "ParetoFront": "pareto_front",
+    "SRIVC": "transfer_function",
+    "RIVC": "transfer_function",
+    "CLSRIVC": "transfer_function",
+    "search_structures": "structure",
+    "drive_gain": "drive_gain",
+}
 
 __all__ = ["METHODS", "Estimator", "reduce", *_CLASSES, *_OTHERS]  # noqa: PLE0604
 
