@@ -52,28 +52,35 @@ class Way:
         self.problem, self.filtered = problem, filtered
         self.n_iter = self.n_simulations = 0
 
-    def simulate(self, theta: Array, scale_gain: bool = False) -> Point:
+    def simulate(self, theta: Array) -> Point:
         """Return the simulated loop at theta (p,).
 
         Raises
         ------
         EstimationError
-            If it is unstable, or stands still.
+            If it is unstable.
         """
         self.n_simulations += 1
         with np.errstate(all="ignore"):  # what overflows is reported below
-            X, y_s = self.problem.simulated_rows(
-                theta, filtered=self.filtered, scale_gain=scale_gain
-            )
+            X, y_s = self.problem.simulated_rows(theta, filtered=self.filtered)
             error = float(np.linalg.norm(self.problem.y - y_s))
         if not np.isfinite(error) or not np.isfinite(X).all():
             raise EstimationError("the simulated loop is unstable at these parameters")
         return Point(theta, X, error)
 
-    def solve(self, at: Point) -> Array:
+    def simulate_scaled(self, theta: Array) -> Array:
+        """Return the observation matrix (N, p) of the loop with its gain scaled to the inertia."""
+        self.n_simulations += 1
+        with np.errstate(all="ignore"):
+            X = self.problem.instruments(theta, filtered=self.filtered, scale_gain=True)
+        if not np.isfinite(X).all():
+            raise EstimationError("the simulated loop is unstable at these parameters")
+        return X
+
+    def solve(self, X: Array) -> Array:
         """Return the least-squares solution of y = X_s theta, (p,)."""
         self.n_iter += 1
-        return solve_iv(at.X, self.problem.y, names=self.problem.names)
+        return solve_iv(X, self.problem.y, names=self.problem.names)
 
     def towards(self, theta: Array, at: Point) -> tuple[Point | None, bool]:
         """Return the point at theta, or one nearer to `at` if that one is no better."""
@@ -100,9 +107,9 @@ def near(way: Way, theta: Array, max_iter: int) -> Point:
     names = way.problem.names
     try:
         while way.n_iter < max_iter:
-            at = way.simulate(theta, scale_gain=True)
-            theta = way.solve(at)
-            if relative_change(at.theta, theta, at.X, way.problem.y) <= FAR:
+            old, X = theta, way.simulate_scaled(theta)
+            theta = way.solve(X)
+            if relative_change(old, theta, X, way.problem.y) <= FAR:
                 break
         return way.simulate(theta)
     except (AxisError, EstimationError) as error:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from ivtools.estimators.approach import Point, Way, near
 from ivtools.estimators.base import Estimator
 from ivtools.estimators.iteration import (
-    SMALL_SHARE,
     Start,
     check_iteration,
     relative_change,
@@ -40,8 +39,8 @@ class DIDIM(Estimator):
     cov_type : {"hac", "robust", "classical"}
         Covariance of the estimates, with X_s as the observation matrix.
     tol : float
-        The iteration ends when the relative change of every parameter and of the norm of the
-        simulated error is below this.
+        The iteration ends when the relative change of every parameter, and the change of the
+        norm of the residual relative to that of y, are below this.
     max_iter : int
         Most solutions of the regression.
     start : {"axis", "ls"} or mapping
@@ -84,17 +83,19 @@ class DIDIM(Estimator):
         theta = starting_values(problem, self.start)
         way = Way(problem, self.filtered)
         at = near(way, theta, self.max_iter) if self.scale_gain else way.simulate(theta)
-        converged, halved = False, False
+        rho, halved, converged = np.inf, False, False
         while not converged and way.n_iter < self.max_iter:
-            step = way.solve(at)  # (p,)
-            new, shortened = way.towards(step, at)
-            if new is None:
-                break
-            converged = not shortened and _settled(at, new, problem.y, self.tol)
-            at, halved = new, halved or shortened
+            theta, last = way.solve(at.X), rho  # (p,)
+            rho = float(np.linalg.norm(problem.y - at.X @ theta))
+            converged = self._settled(problem, at, theta, rho, last)
+            if not converged:
+                new, shortened = way.towards(theta, at)
+                if new is None:
+                    break
+                at, halved = new, halved or shortened
         return FitResults.from_solution(
             self.key,
-            at.theta,
+            theta if converged else at.theta,
             at.X,
             problem.y,
             problem=problem,
@@ -104,6 +105,11 @@ class DIDIM(Estimator):
             converged=converged,
             notes=("steps were shortened on the way",) if halved else (),
         )
+
+    def _settled(self, problem: Problem, at: Point, theta: Array, rho: float, last: float) -> bool:
+        """Whether parameters (p,) and norm of the residual have stopped to change."""
+        same = abs(rho - last) <= self.tol * float(np.linalg.norm(problem.y))
+        return same and relative_change(at.theta, theta, at.X, problem.y) <= self.tol
 
 
 @dataclass(frozen=True)
@@ -135,10 +141,3 @@ class CLIE(SimulatedError):
     key: ClassVar[str] = "clie"
 
     signal: Signal = "force"
-
-
-def _settled(old: Point, new: Point, y: Array, tol: float) -> bool:
-    """Whether parameters and simulated error have stopped to change."""
-    floor = SMALL_SHARE * float(np.linalg.norm(y))
-    same = abs(new.error - old.error) <= tol * max(new.error, floor)
-    return same and relative_change(old.theta, new.theta, new.X, y) <= tol
