@@ -165,11 +165,11 @@ def write(summary: pd.DataFrame, name: str, folder: Path = RESULTS) -> None:
     ]
     for noise, table in summary.groupby("noise"):
         lines += ["", f"## Encoder noise {noise:g} m", ""]
-        lines += ["| method | parameter | bias, % | coverage, % | variance / bound | fit, ms |"]
-        lines += ["|---|---|---|---|---|---|"]
+        lines += ["| method | parameter | bias, % | coverage, % | variance / bound |"]
+        lines += ["|---|---|---|---|---|"]
         lines += [
             f"| {r.method} | {r.parameter} | {r.bias_percent:+.3f} ± {r.bias_error_percent:.3f} | "
-            f"{r.coverage_percent:.1f} | {r.variance_over_bound:.2f} | {r.milliseconds:.0f} |"
+            f"{r.coverage_percent:.1f} | {r.variance_over_bound:.2f} |"
             for r in table.itertuples()
         ]
     (folder / f"{name}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
