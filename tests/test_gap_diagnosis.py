@@ -45,12 +45,28 @@ def test_a_known_effect_is_named(asymmetric):
 def test_the_json_has_the_agreed_form(asymmetric):
     found = json.loads(json.dumps(asymmetric.to_dict()))
     assert found["verdict"] in VERDICTS
-    assert set(found) >= {"verdict", "effects", "ambiguous_with", "parameters", "where", "shrink",
-                          "ranking", "advice"}
+    assert set(found) >= {
+        "verdict",
+        "effects",
+        "ambiguous_with",
+        "parameters",
+        "where",
+        "shrink",
+        "ranking",
+        "advice",
+    }
     assert found["where"]["block"] == "mechanics"
     assert set(found["where"]["regions"][0]) >= {"region", "energy", "time"}
-    assert set(found["shrink"]) >= {"signal", "unit", "before", "after", "interval", "floor",
-                                    "closed", "held_out"}
+    assert set(found["shrink"]) >= {
+        "signal",
+        "unit",
+        "before",
+        "after",
+        "interval",
+        "floor",
+        "closed",
+        "held_out",
+    }
     assert set(found["ranking"][0]) >= {"effect", "closed", "p_value"}
     assert found["ambiguous_with"] == {"asymmetric-viscous": []}
 
@@ -86,7 +102,8 @@ def test_one_record_judges_itself_and_says_that_it_is_weaker(loop):
     ("change", "words"),
     [
         (lambda r: r.replace(nu=-r.nu), "opposite sign"),
-        (lambda r: r.replace(nu=1000.0 * r.nu), "times what the controller gives"),
+        (lambda r: r.replace(nu=1000.0 * r.nu), "check the unit of nu"),
+        (lambda r: r.replace(nu=r.nu / 1000.0), "times what the controller gives"),
         (lambda r: r.slice(0, 2000), "at least 3 s"),
     ],
 )
@@ -114,8 +131,14 @@ def test_a_record_without_reference_is_refused(loop):
 def test_a_term_of_your_own_takes_part(loop):
     from ivtools.physics import Parameter, Term
 
-    own = Term("wind", "mechanics", (Parameter("size", "{F}"),), "a |q| dq", "a test",
-               law=lambda q, dq, ddq, sign, tau, t, a: a * np.abs(q) * dq)
+    own = Term(
+        "wind",
+        "mechanics",
+        (Parameter("size", "{F}"),),
+        "a |q| dq",
+        "a test",
+        law=lambda q, dq, ddq, sign, tau, t, a: a * np.abs(q) * dq,
+    )
     assert iv.diagnose(iv.datasets.twin(), loop, extra=(own,)).effects == ("asymmetric-viscous",)
 
 

@@ -37,7 +37,9 @@ def test_a_shifted_log_is_a_delay(loop, delay):
     assert found.delay == delay and not found.mismatch
 
 
-@pytest.mark.parametrize(("name", "value"), [("kp", 0.03), ("kv", -0.02), ("velocity_filter", 0.05)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("kp", 0.03), ("kv", -0.02), ("velocity_filter", 0.05)]
+)
 def test_wrong_settings_come_back(loop, name, value):
     changes = {"kp": 0.0, "kv": 0.0, "velocity_filter": 0.0} | {name: value}
     other = loop.controller.with_mismatch(**changes)

@@ -62,8 +62,12 @@ def draw_axis(rng: np.random.Generator) -> Axis:
     kp = outer if law == 0 else outer * kv
     taps = np.array([0.5, 0.5]) if rng.random() < 0.5 else np.array([1.0])
     mass, length = 10.0 ** rng.uniform(-2.5, 0.3), 10.0 ** rng.uniform(-0.5, 1.0)
-    noise = {"force": rng.uniform(0.3, 1.2), "hz": rng.uniform(15.0, 80.0),
-             "position": rng.uniform(0.5e-8, 3e-8), "quantum": rng.choice([2e-8, 5e-8, 1e-7])}
+    noise = {
+        "force": rng.uniform(0.3, 1.2),
+        "hz": rng.uniform(15.0, 80.0),
+        "position": rng.uniform(0.5e-8, 3e-8),
+        "quantum": rng.choice([2e-8, 5e-8, 1e-7]),
+    }
     return Axis(p, kp, kv, taps, law, int(rng.random() < 0.5), gain, mass, length, noise=noise)
 
 
@@ -73,8 +77,10 @@ def reference(rng: np.random.Generator, kind: str, n: int) -> np.ndarray:
     if kind == "multisine":
         freqs = np.arange(1, 25) * 0.08 * rng.uniform(0.8, 1.2)
         amps = rng.uniform(0.5, 1.0, len(freqs)) / freqs**1.3
-        x = sum(a * np.cos(2 * np.pi * f * t + ph) for a, f, ph in
-                zip(amps, freqs, rng.uniform(0, 2 * np.pi, len(freqs)), strict=True))
+        x = sum(
+            a * np.cos(2 * np.pi * f * t + ph)
+            for a, f, ph in zip(amps, freqs, rng.uniform(0, 2 * np.pi, len(freqs)), strict=True)
+        )
         x = x - x[0]
         return x * min(0.2 / np.ptp(x), 0.16 / np.max(np.abs(np.gradient(x, DT))))
     top = 0.245
@@ -114,36 +120,78 @@ EFFECTS = {
     "asymmetric-viscous": lambda r: {"asym": r.uniform(20, 90) * r.choice([-1, 1])},
     "stribeck": lambda r: {"str_f": r.uniform(3, 12), "str_v": r.uniform(0.003, 0.02)},
     "presliding": lambda r: {"pre_s": 10 ** r.uniform(5.18, 6.18)},
-    "polynomial-viscous": lambda r: {"quad": r.uniform(250, 1000)} if r.random() < 0.5
-    else {"cube": r.uniform(2e3, 9e3)},
+    "polynomial-viscous": lambda r: (
+        {"quad": r.uniform(250, 1000)} if r.random() < 0.5 else {"cube": r.uniform(2e3, 9e3)}
+    ),
     "sqrt-viscous": lambda r: {"root": r.uniform(15, 60) * r.choice([-1, 1])},
-    "position-friction": lambda r: {"pf_amp": r.uniform(1, 5), "pf_len": 0.25, "pf_ph": r.uniform(0, 6.28)},
+    "position-friction": lambda r: {
+        "pf_amp": r.uniform(1, 5),
+        "pf_len": 0.25,
+        "pf_ph": r.uniform(0, 6.28),
+    },
     "load-friction": lambda r: {"load": r.uniform(0.015, 0.08)},
-    "friction-drift": lambda r: {"fd_c": r.uniform(1.5, 6) * r.choice([-1, 1]), "fd_tau": r.uniform(8, 40)}
-    if r.random() < 0.5 else {"fd_v": r.uniform(15, 60) * r.choice([-1, 1]), "fd_tau": r.uniform(8, 40)},
-    "offset-drift": lambda r: {"od_a": r.uniform(1.5, 6) * r.choice([-1, 1]), "od_tau": r.uniform(8, 40)},
+    "friction-drift": lambda r: (
+        {"fd_c": r.uniform(1.5, 6) * r.choice([-1, 1]), "fd_tau": r.uniform(8, 40)}
+        if r.random() < 0.5
+        else {"fd_v": r.uniform(15, 60) * r.choice([-1, 1]), "fd_tau": r.uniform(8, 40)}
+    ),
+    "offset-drift": lambda r: {
+        "od_a": r.uniform(1.5, 6) * r.choice([-1, 1]),
+        "od_tau": r.uniform(8, 40),
+    },
     "spring": lambda r: {"sp_amp": r.uniform(1, 6), "sp_len": 0.35, "sp_ph": r.uniform(-1.2, 1.2)},
-    "cogging": lambda r: {"cog_a": r.uniform(0.6, 4), "cog_p": r.uniform(0.0018, 0.01),
-                          "cog_ph": r.uniform(0, 6.28), "cog_2": r.uniform(0, 0.15)},
-    "torque-ripple": lambda r: {"rip_a": r.uniform(0.015, 0.08), "rip_p": r.uniform(0.0018, 0.01),
-                                "rip_ph": r.uniform(0, 6.28)},
-    "flexibility": lambda r: {"flex_hz": r.uniform(25, 70), "flex_z": r.uniform(0.01, 0.05),
-                              "flex_r": r.uniform(0.08, 0.35), "flex_fr": r.uniform(0, 0.5)},
-    "backlash": lambda r: {"gap": r.uniform(1e-5, 8e-5), "gap_hz": r.uniform(120, 220), "gap_z": 0.2,
-                           "flex_r": r.uniform(0.12, 0.35), "flex_fr": r.uniform(0.3, 0.8)},
-    "drive-timing": lambda r: {"delay": r.uniform(3e-4, 3e-3)} if r.random() < 0.5
-    else {"lag": r.uniform(3e-4, 3e-3)},
+    "cogging": lambda r: {
+        "cog_a": r.uniform(0.6, 4),
+        "cog_p": r.uniform(0.0018, 0.01),
+        "cog_ph": r.uniform(0, 6.28),
+        "cog_2": r.uniform(0, 0.15),
+    },
+    "torque-ripple": lambda r: {
+        "rip_a": r.uniform(0.015, 0.08),
+        "rip_p": r.uniform(0.0018, 0.01),
+        "rip_ph": r.uniform(0, 6.28),
+    },
+    "flexibility": lambda r: {
+        "flex_hz": r.uniform(25, 70),
+        "flex_z": r.uniform(0.01, 0.05),
+        "flex_r": r.uniform(0.08, 0.35),
+        "flex_fr": r.uniform(0, 0.5),
+    },
+    "backlash": lambda r: {
+        "gap": r.uniform(1e-5, 8e-5),
+        "gap_hz": r.uniform(120, 220),
+        "gap_z": 0.2,
+        "flex_r": r.uniform(0.12, 0.35),
+        "flex_fr": r.uniform(0.3, 0.8),
+    },
+    "drive-timing": lambda r: (
+        {"delay": r.uniform(3e-4, 3e-3)} if r.random() < 0.5 else {"lag": r.uniform(3e-4, 3e-3)}
+    ),
     "saturation": lambda r: {"clip": r.uniform(0.45, 0.8)},
     "drive-asymmetry": lambda r: {"drv_asym": r.uniform(0.01, 0.05) * r.choice([-1, 1])},
     "dead-zone": lambda r: {"dead": r.uniform(0.02, 0.1) * 35.0},
-    "encoder-eccentricity": lambda r: {"enc_a": r.uniform(1e-6, 8e-6), "enc_p": r.uniform(0.0018, 0.01),
-                                       "enc_ph": r.uniform(0, 6.28)},
-    "controller-mismatch": lambda r: {r.choice(["kp", "kv", "tap"]): r.uniform(0.01, 0.05) * r.choice([-1, 1])},
+    "encoder-eccentricity": lambda r: {
+        "enc_a": r.uniform(1e-6, 8e-6),
+        "enc_p": r.uniform(0.0018, 0.01),
+        "enc_ph": r.uniform(0, 6.28),
+    },
+    "controller-mismatch": lambda r: {
+        r.choice(["kp", "kv", "tap"]): r.uniform(0.01, 0.05) * r.choice([-1, 1])
+    },
 }
 
 
-def play(axis: Axis, effects: dict, ref: np.ndarray, add: np.ndarray, force: np.ndarray,
-         noise: np.ndarray, quantum: float, change: dict | None = None, sub: int = 20) -> np.ndarray:
+def play(
+    axis: Axis,
+    effects: dict,
+    ref: np.ndarray,
+    add: np.ndarray,
+    force: np.ndarray,
+    noise: np.ndarray,
+    quantum: float,
+    change: dict | None = None,
+    sub: int = 20,
+) -> np.ndarray:
     """Run the plant; return (3, n)."""
     p = axis.p.copy()
     kp, kv, taps, limit = axis.kp, axis.kv, axis.taps, axis.limit
@@ -161,13 +209,37 @@ def play(axis: Axis, effects: dict, ref: np.ndarray, add: np.ndarray, force: np.
                 p[INDEX[key]] = p[INDEX[key]] + value if key in ("m", "fv", "fc", "off") else value
     out = np.full((3, len(ref)), np.nan)
     dq_ref = np.gradient(ref, DT)
-    run(DT, sub, ref, dq_ref, add, kp, kv, np.asarray(taps, float), axis.law, axis.delay, limit,
-        axis.gain, p, force, noise, quantum, ref[0], out)
+    run(
+        DT,
+        sub,
+        ref,
+        dq_ref,
+        add,
+        kp,
+        kv,
+        np.asarray(taps, float),
+        axis.law,
+        axis.delay,
+        limit,
+        axis.gain,
+        p,
+        force,
+        noise,
+        quantum,
+        ref[0],
+        out,
+    )
     return out
 
 
-def signature(axis: Axis, effects: dict, ref: np.ndarray, add: np.ndarray, force: np.ndarray,
-              noise: np.ndarray) -> float:
+def signature(
+    axis: Axis,
+    effects: dict,
+    ref: np.ndarray,
+    add: np.ndarray,
+    force: np.ndarray,
+    noise: np.ndarray,
+) -> float:
     """Return the whitened size of the effects over the floor, after the base absorbed its part."""
     zero, n = np.zeros(len(ref)), len(ref)
     clean = play(axis, {}, ref, add, zero, zero, 0.0)[1]
@@ -181,7 +253,9 @@ def signature(axis: Axis, effects: dict, ref: np.ndarray, add: np.ndarray, force
     r = np.array([e[k:] @ e[: len(e) - k] for k in range(21)])
     r[0] *= 1.0001
     a = np.concatenate([[1.0], -linalg.solve_toeplitz(r[:-1], r[1:])])
-    X = signal.lfilter(a, [1.0], np.column_stack([*base, there - clean, noisy - clean]), axis=0)[300:n]
+    X = signal.lfilter(a, [1.0], np.column_stack([*base, there - clean, noisy - clean]), axis=0)[
+        300:n
+    ]
     beta = np.linalg.lstsq(X[:, :4], X[:, 4], rcond=None)[0]
     return float(np.std(X[:, 4] - X[:, :4] @ beta) / np.std(X[:, 5]))
 
@@ -193,9 +267,15 @@ def burst(rng: np.random.Generator, n: int) -> tuple[np.ndarray, list]:
         length = int(rng.uniform(0.05, 1.5) / DT)
         at = int(rng.uniform(0.1, 0.9) * (n - length))
         x = np.linspace(0, 1, length)
-        shapes = [np.sin(np.pi * x), np.ones(length), np.exp(-4 * x),
-                  np.sin(2 * np.pi * rng.uniform(3, 25) * x * length * DT)]
-        force[at: at + length] += rng.uniform(5, 25) * rng.choice([-1, 1]) * shapes[rng.integers(4)]
+        shapes = [
+            np.sin(np.pi * x),
+            np.ones(length),
+            np.exp(-4 * x),
+            np.sin(2 * np.pi * rng.uniform(3, 25) * x * length * DT),
+        ]
+        force[at : at + length] += (
+            rng.uniform(5, 25) * rng.choice([-1, 1]) * shapes[rng.integers(4)]
+        )
         when.append([at * DT, (at + length) * DT])
     return force, when
 
@@ -262,20 +342,33 @@ def _attempt(rng: np.random.Generator, suite: str, effects: list[str]) -> Case |
     if suite == "bursts":
         more, when = burst(rng, n)
         fs[int(rng.integers(2))] += more
-    runs = [play(axis, values, *x, axis.noise["quantum"]) for x in zip(refs, adds, fs, ns, strict=True)]
+    runs = [
+        play(axis, values, *x, axis.noise["quantum"]) for x in zip(refs, adds, fs, ns, strict=True)
+    ]
     if not all(np.isfinite(x).all() for x in runs):
         return None
     records = [_scaled(axis, r, a, x) for r, a, x in zip(refs, adds, runs, strict=True)]
     kind = "emps" if suite == "background" else kind
-    label = {"effects": list(effects), "suite": suite, "reference": str(kind), "signature": sizes,
-             "events": when, "parameters": {e: {k: float(v) for k, v in p.items()} for e, p in values.items()},
-             "mass": axis.p[0] * axis.mass}
+    label = {
+        "effects": list(effects),
+        "suite": suite,
+        "reference": str(kind),
+        "signature": sizes,
+        "events": when,
+        "parameters": {e: {k: float(v) for k, v in p.items()} for e, p in values.items()},
+        "mass": axis.p[0] * axis.mass,
+    }
     return Case(axis, values, records, label)
 
 
 def _scaled(axis: Axis, ref: np.ndarray, add: np.ndarray, x: np.ndarray) -> dict[str, np.ndarray]:
     """Scale to the case's length; the command keeps its unit, so the gain carries the rest."""
-    table = {"t": np.arange(len(ref)) * DT, "q": x[0] * axis.length, "q_ref": ref * axis.length, "nu": x[1]}
+    table = {
+        "t": np.arange(len(ref)) * DT,
+        "q": x[0] * axis.length,
+        "q_ref": ref * axis.length,
+        "nu": x[1],
+    }
     return {**table, "added": add} if add.any() else table
 
 
@@ -286,17 +379,33 @@ def axis_file(axis: Axis) -> dict:
         controller = {"kind": "cascade-pd", "kp": axis.kp, "kv": axis.kv / axis.length}
     else:
         controller = {"kind": "pd", "kp": axis.kp / axis.length, "kd": axis.kv / axis.length}
-    controller |= {"velocity_filter": [float(x) for x in axis.taps], "delay": axis.delay, "limit": axis.limit}
+    controller |= {
+        "velocity_filter": [float(x) for x in axis.taps],
+        "delay": axis.delay,
+        "limit": axis.limit,
+    }
     joint = "revolute" if axis.mass < 0.05 else "prismatic"
-    return {"axis": {"name": "withheld", "joint": joint}, "controller": controller,
-            "drive": {"gain": gain}, "model": {"terms": ["inertia", "viscous", "coulomb", "offset"]}}
+    return {
+        "axis": {"name": "withheld", "joint": joint},
+        "controller": controller,
+        "drive": {"gain": gain},
+        "model": {"terms": ["inertia", "viscous", "coulomb", "offset"]},
+    }
 
 
 SUITES = ("single", "none", "bursts", "two", "background", "outside")
-PAIRS = [("asymmetric-viscous", "cogging"), ("stribeck", "spring"), ("drive-timing", "asymmetric-viscous"),
-         ("position-friction", "flexibility"), ("load-friction", "offset-drift"), ("presliding", "spring"),
-         ("controller-mismatch", "asymmetric-viscous"), ("friction-drift", "cogging"),
-         ("polynomial-viscous", "spring"), ("drive-timing", "position-friction")]
+PAIRS = [
+    ("asymmetric-viscous", "cogging"),
+    ("stribeck", "spring"),
+    ("drive-timing", "asymmetric-viscous"),
+    ("position-friction", "flexibility"),
+    ("load-friction", "offset-drift"),
+    ("presliding", "spring"),
+    ("controller-mismatch", "asymmetric-viscous"),
+    ("friction-drift", "cogging"),
+    ("polynomial-viscous", "spring"),
+    ("drive-timing", "position-friction"),
+]
 
 
 def plan(suite: str, count: int) -> list[tuple[int, list[str]]]:
@@ -306,11 +415,28 @@ def plan(suite: str, count: int) -> list[tuple[int, list[str]]]:
     if suite == "two":
         return [(k, list(pair)) for k in range(count) for pair in PAIRS]
     if suite == "background":
-        named = [[], ["asymmetric-viscous"], ["cogging"], [], ["drive-timing"], ["spring"], [], ["flexibility"],
-                 ["stribeck"], [], ["load-friction"], ["position-friction"]]
+        named = [
+            [],
+            ["asymmetric-viscous"],
+            ["cogging"],
+            [],
+            ["drive-timing"],
+            ["spring"],
+            [],
+            ["flexibility"],
+            ["stribeck"],
+            [],
+            ["load-friction"],
+            ["position-friction"],
+        ]
         return [(k, e) for k in range(count) for e in named]
     if suite == "outside":
-        return [(k, [e]) for k in range(count) for e in EFFECTS if e not in ("saturation", "controller-mismatch")]
+        return [
+            (k, [e])
+            for k in range(count)
+            for e in EFFECTS
+            if e not in ("saturation", "controller-mismatch")
+        ]
     return [(k, []) for k in range(count)]
 
 

@@ -10,24 +10,50 @@ from numba import njit
 
 # What the plant can do, by index in the parameter vector
 NAMES = (
-    "m", "fv", "fc", "off",
-    "asym",                              # extra viscous friction in one direction only
-    "str_f", "str_v",                    # Stribeck: Tustin's exponential of |v|, not of v^2
-    "pre_s",                             # Dahl friction, exponent 1, integrated implicitly
-    "quad", "cube",
-    "root",                              # |v|^0.5, softened below a tiny speed
-    "pf_amp", "pf_len", "pf_ph",         # friction over position: half a cosine wave
-    "load",                              # friction proportional to the transmitted force
-    "fd_c", "fd_v", "fd_tau",            # warming-up: exponential in time
-    "od_a", "od_tau",                    # offset: exponential in time
-    "sp_amp", "sp_len", "sp_ph",         # static force over position: half a sine wave
-    "cog_a", "cog_p", "cog_ph", "cog_2",  # cogging with a second harmonic
-    "rip_a", "rip_p", "rip_ph",
-    "flex_hz", "flex_z", "flex_r", "flex_fr",
-    "gap", "gap_hz", "gap_z",
-    "lag", "delay",
-    "drv_asym", "dead",
-    "enc_a", "enc_p", "enc_ph",
+    "m",
+    "fv",
+    "fc",
+    "off",
+    "asym",  # extra viscous friction in one direction only
+    "str_f",
+    "str_v",  # Stribeck: Tustin's exponential of |v|, not of v^2
+    "pre_s",  # Dahl friction, exponent 1, integrated implicitly
+    "quad",
+    "cube",
+    "root",  # |v|^0.5, softened below a tiny speed
+    "pf_amp",
+    "pf_len",
+    "pf_ph",  # friction over position: half a cosine wave
+    "load",  # friction proportional to the transmitted force
+    "fd_c",
+    "fd_v",
+    "fd_tau",  # warming-up: exponential in time
+    "od_a",
+    "od_tau",  # offset: exponential in time
+    "sp_amp",
+    "sp_len",
+    "sp_ph",  # static force over position: half a sine wave
+    "cog_a",
+    "cog_p",
+    "cog_ph",
+    "cog_2",  # cogging with a second harmonic
+    "rip_a",
+    "rip_p",
+    "rip_ph",
+    "flex_hz",
+    "flex_z",
+    "flex_r",
+    "flex_fr",
+    "gap",
+    "gap_hz",
+    "gap_z",
+    "lag",
+    "delay",
+    "drv_asym",
+    "dead",
+    "enc_a",
+    "enc_p",
+    "enc_ph",
 )
 INDEX = {n: i for i, n in enumerate(NAMES)}
 
@@ -74,8 +100,26 @@ def _stick(v, drive, level, m, h):
 
 
 @njit(cache=True)
-def run(dt, sub, q_ref, dq_ref, added, kp, kv, taps, law, cdelay, limit, gain, p, force, noise,
-        quantum, q0, out):
+def run(
+    dt,
+    sub,
+    q_ref,
+    dq_ref,
+    added,
+    kp,
+    kv,
+    taps,
+    law,
+    cdelay,
+    limit,
+    gain,
+    p,
+    force,
+    noise,
+    quantum,
+    q0,
+    out,
+):
     """Fill out (3, n) with encoder position, command and true position.
 
     `law` is 0 for a cascade (position gain kp, velocity gain kv) and 1 for pd.

@@ -1,6 +1,6 @@
 """Diagnose withheld cases and score the answers against the sealed labels.
 
-    python -m benchmarks.withheld.run --suite single --count 2 --jobs 2 --out results.jsonl
+python -m benchmarks.withheld.run --suite single --count 2 --jobs 2 --out results.jsonl
 """
 
 from __future__ import annotations
@@ -15,13 +15,24 @@ from .generate import SUITES, axis_file, draw, plan
 
 #: The least separable from each effect, as documented beside the list of effects.
 DOCUMENTED = {
-    "asymmetric-viscous": {"spring"}, "stribeck": {"sqrt-viscous", "polynomial-viscous"},
-    "presliding": {"position-friction"}, "polynomial-viscous": {"sqrt-viscous", "stribeck"},
-    "sqrt-viscous": {"stribeck", "polynomial-viscous"}, "position-friction": set(), "load-friction": {"dead-zone"},
-    "friction-drift": set(), "offset-drift": set(), "spring": {"asymmetric-viscous"},
-    "cogging": {"encoder-eccentricity", "torque-ripple"}, "torque-ripple": {"cogging", "encoder-eccentricity"},
-    "flexibility": {"backlash"}, "backlash": {"flexibility"}, "drive-timing": set(), "drive-asymmetry": set(),
-    "dead-zone": {"load-friction"}, "encoder-eccentricity": {"cogging", "torque-ripple"},
+    "asymmetric-viscous": {"spring"},
+    "stribeck": {"sqrt-viscous", "polynomial-viscous"},
+    "presliding": {"position-friction"},
+    "polynomial-viscous": {"sqrt-viscous", "stribeck"},
+    "sqrt-viscous": {"stribeck", "polynomial-viscous"},
+    "position-friction": set(),
+    "load-friction": {"dead-zone"},
+    "friction-drift": set(),
+    "offset-drift": set(),
+    "spring": {"asymmetric-viscous"},
+    "cogging": {"encoder-eccentricity", "torque-ripple"},
+    "torque-ripple": {"cogging", "encoder-eccentricity"},
+    "flexibility": {"backlash"},
+    "backlash": {"flexibility"},
+    "drive-timing": set(),
+    "drive-asymmetry": set(),
+    "dead-zone": {"load-friction"},
+    "encoder-eccentricity": {"cogging", "torque-ripple"},
 }
 
 
@@ -34,22 +45,42 @@ def answer(seed: int, suite: str, effects: list[str]) -> dict:
     from ivtools.loop.axis_file import from_tables
 
     case = draw(seed, suite, effects)
-    records = [iv.Record.from_dict(r, name=n) for r, n in zip(case.records, ("a", "b"), strict=True)]
+    records = [
+        iv.Record.from_dict(r, name=n) for r, n in zip(case.records, ("a", "b"), strict=True)
+    ]
     start = time.perf_counter()
-    gap = iv.diagnose(records[0], from_tables(axis_file(case.axis)), holdout=records[1],
-                      without=effects if suite == "outside" else ())
+    gap = iv.diagnose(
+        records[0],
+        from_tables(axis_file(case.axis)),
+        holdout=records[1],
+        without=effects if suite == "outside" else (),
+    )
     found = gap.to_dict()
-    return {"seed": seed, "label": case.label, "time": time.perf_counter() - start,
-            **{k: found[k] for k in ("verdict", "effects", "ambiguous_with", "findings", "gap", "shrink")},
-            "parameters": found["parameters"], "ranking": found["ranking"][:5], "score": score(found, case.label)}
+    return {
+        "seed": seed,
+        "label": case.label,
+        "time": time.perf_counter() - start,
+        **{
+            k: found[k]
+            for k in ("verdict", "effects", "ambiguous_with", "findings", "gap", "shrink")
+        },
+        "parameters": found["parameters"],
+        "ranking": found["ranking"][:5],
+        "score": score(found, case.label),
+    }
 
 
 def score(found: dict, label: dict) -> str:
     """Return right, ambiguous, extra, abstained or wrong."""
     truth, named = set(label["effects"]), set(found["effects"])
-    if label["suite"] == "outside":  # the truth is not in the library: a name is wrong, if it explains all
-        return "right" if not named or named <= DOCUMENTED[label["effects"][0]] else (
-            "flagged" if found["verdict"] in ("partial", "non-repeatable") else "wrong")
+    if (
+        label["suite"] == "outside"
+    ):  # the truth is not in the library: a name is wrong, if it explains all
+        return (
+            "right"
+            if not named or named <= DOCUMENTED[label["effects"][0]]
+            else ("flagged" if found["verdict"] in ("partial", "non-repeatable") else "wrong")
+        )
     if label["suite"] == "background" and not truth:
         return "wrong" if named else "right"
     if not truth:
@@ -84,15 +115,24 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
-    tasks = [(s + args.first, e) for s, e in plan(args.suite, args.count) if not args.only or set(e) & set(args.only)]
-    work = Parallel(n_jobs=args.jobs, return_as="generator")(delayed(answer)(s, args.suite, e) for s, e in tasks)
+    tasks = [
+        (s + args.first, e)
+        for s, e in plan(args.suite, args.count)
+        if not args.only or set(e) & set(args.only)
+    ]
+    work = Parallel(n_jobs=args.jobs, return_as="generator")(
+        delayed(answer)(s, args.suite, e) for s, e in tasks
+    )
     rows = []
     for row in work:
         rows.append(row)
-        print(f"{row['score']:10s} {'+'.join(row['label']['effects']) or '-':28s} -> "
-              f"{'+'.join(row['effects']) or '-':28s} {row['ambiguous_with']} {row['verdict']} "
-              f"{row['gap']['before'] or 0:.2f}->{row['gap']['after'] or 0:.2f} {row['label']['reference']} "
-              f"{row['time']:.1f} s {'; '.join(row['findings'])[:90]}", flush=True)
+        print(
+            f"{row['score']:10s} {'+'.join(row['label']['effects']) or '-':28s} -> "
+            f"{'+'.join(row['effects']) or '-':28s} {row['ambiguous_with']} {row['verdict']} "
+            f"{row['gap']['before'] or 0:.2f}->{row['gap']['after'] or 0:.2f} {row['label']['reference']} "
+            f"{row['time']:.1f} s {'; '.join(row['findings'])[:90]}",
+            flush=True,
+        )
         if args.out:
             with args.out.open("a") as file:
                 file.write(json.dumps(row) + "\n")

@@ -1,7 +1,7 @@
 """Diagnose the sim-to-real gap: where, which effect, how far it closes.
 
-    gap = iv.diagnose(record, loop, holdout=other)
-    print(gap.summary())
+gap = iv.diagnose(record, loop, holdout=other)
+print(gap.summary())
 """
 
 from .attribute import Rules

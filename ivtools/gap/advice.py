@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from ..record import Record
 from . import response as responses
+from .candidates import Scales
 from .fit import Fit, jacobian, steps
 from .fold import usable
-from .candidates import Scales
 
 Array = NDArray[np.float64]
 
 
 def _slower(record: Record) -> Record:
-    """The same motion at a third of the speed, with as many samples."""
+    """Make the same motion at a third of the speed, with as many samples."""
     assert record.q_ref is not None
     n = record.n_samples
     return _moved(record, np.interp(np.arange(n) / 3.0, np.arange(n), record.q_ref[:, 0]))
@@ -39,7 +39,8 @@ def _many_speeds(record: Record) -> Record:
 
 def _dither(record: Record) -> Record:
     """Add a command of 3 to 50 Hz, a tenth of the largest."""
-    t, size = record.t - record.t[0], 0.1 * float(np.max(np.abs(record.nu if record.nu is not None else record.tau)))
+    t = record.t - record.t[0]
+    size = 0.1 * float(np.max(np.abs(np.asarray(record.tau if record.nu is None else record.nu))))
     lines = np.geomspace(3.0, 50.0, 12)
     dither = sum(np.sin(2 * np.pi * f * t + 1.7 * k * k) for k, f in enumerate(lines))
     given = record.added if record.added is not None else np.zeros((record.n_samples, 1))
@@ -69,14 +70,20 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
         The effects.
     """
     now = _distance(first, second, name, other, first.fold.record)
-    better = {text: _distance(first, second, name, other, change(first.fold.record))
-              for text, change in EXCITATIONS.items()}
+    better = {
+        text: _distance(first, second, name, other, change(first.fold.record))
+        for text, change in EXCITATIONS.items()
+    }
     text = max(better, key=lambda t: better[t])
     if better[text] < 1.3 * now:
-        return (f"{name} and {other} look alike on every motion tried (they share "
-                f"{100 * (1 - now):.0f} % of their signature); measure at another place of the loop")
-    return (f"to tell {name} from {other}: {text}; what the one cannot mimic of the other grows "
-            f"from {100 * now:.0f} % to {100 * better[text]:.0f} % of the signature")
+        return (
+            f"{name} and {other} look alike on every motion tried (they share "
+            f"{100 * (1 - now):.0f} % of their signature); measure at another place of the loop"
+        )
+    return (
+        f"to tell {name} from {other}: {text}; what the one cannot mimic of the other grows "
+        f"from {100 * now:.0f} % to {100 * better[text]:.0f} % of the signature"
+    )
 
 
 def _distance(first: Fit, second: Fit, name: str, other: str, record: Record) -> float:
@@ -97,12 +104,18 @@ def _signature(fit: Fit, name: str, record: Record) -> tuple[Array, Array]:
     """Return what an effect does to the command of another motion, and the base's columns."""
     loop = fit.loop
     rest = tuple(t for t in loop.terms if t.name != name)
-    plain = replace(loop, terms=rest, start={k: v for k, v in loop.start.items() if not k.startswith(name + ".")})
+    plain = replace(
+        loop,
+        terms=rest,
+        start={k: v for k, v in loop.start.items() if not k.startswith(name + ".")},
+    )
     values = {n: fit.values[n] for n in plain.parameters}
     response = responses.measure(plain, record, values)
     fold = replace(fit.fold, record=record, keep=usable(record, loop), response=response)
     simulation = fold.simulate(plain, values)
     e = fold.judged(plain, simulation)
     free = [n for n in plain.names if "." not in n]
-    J = jacobian(fold, plain, values, free, steps(fold, plain, Scales(record, plain)), simulation, e)
+    J = jacobian(
+        fold, plain, values, free, steps(fold, plain, Scales(record, plain)), simulation, e
+    )
     return e - fold.error(loop, fit.values), J

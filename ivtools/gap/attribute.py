@@ -91,12 +91,16 @@ class Trial:
     @property
     def shares(self) -> Array:
         """Share of the energy removed on held-out data, per fold."""
-        return np.array([1.0 - h.cost / b.cost for h, b in zip(self.held, self.before, strict=True)])
+        return np.array(
+            [1.0 - h.cost / b.cost for h, b in zip(self.held, self.before, strict=True)]
+        )
 
     @property
     def own(self) -> Array:
         """Share of the energy removed where it was fitted, per fold."""
-        return np.array([1.0 - f.cost / b.cost for f, b in zip(self.fits, self.own_before, strict=True)])
+        return np.array(
+            [1.0 - f.cost / b.cost for f, b in zip(self.fits, self.own_before, strict=True)]
+        )
 
     @property
     def share(self) -> float:
@@ -189,7 +193,8 @@ def attribute(
         best = max(good, key=lambda t: t.share)
         named.append(best.term.name)
         ambiguous[best.term.name] = [
-            t.term.name for t in good
+            t.term.name
+            for t in good
             if t is not best and t.share >= (1.0 - rules.margin) * best.share
         ]
         fits, held = best.fits, best.held
@@ -206,8 +211,12 @@ def _worth(trial: Trial, base: tuple[Fit, ...], rules: Rules) -> bool:
 
 
 def _round(
-    sides: tuple[Side, ...], fits: tuple[Fit, ...], held: tuple[Fit, ...], rules: Rules,
-    extra: tuple[Term, ...], without: tuple[str, ...],
+    sides: tuple[Side, ...],
+    fits: tuple[Fit, ...],
+    held: tuple[Fit, ...],
+    rules: Rules,
+    extra: tuple[Term, ...],
+    without: tuple[str, ...],
 ) -> tuple[list[Trial], dict[str, float]]:
     """Screen everything, and try the best."""
     terms = library(fits[0].loop, extra, without)
@@ -222,8 +231,9 @@ def _round(
         return list(pool.map(lambda scores: _trial(sides, fits, held, scores), tasks)), mean
 
 
-def _trial(sides: tuple[Side, ...], fits: tuple[Fit, ...], before: tuple[Fit, ...],
-           scores: list[Score]) -> Trial:
+def _trial(
+    sides: tuple[Side, ...], fits: tuple[Fit, ...], before: tuple[Fit, ...], scores: list[Score]
+) -> Trial:
     new = tuple(_extended(s, f, score) for s, f, score in zip(sides, fits, scores, strict=True))
     return Trial(scores[0].term, new, frozen(sides, new), fits, before)
 
@@ -298,13 +308,19 @@ def _densest(side: Side, fit: Fit, term: Term, points: list[dict[str, float]]) -
     best = points[min(cost, key=lambda i: cost[i])]
     near = gaps.index(best["gap"])
     for i, point in enumerate(points):
-        if point["load_share"] == best["load_share"] and 0 < abs(gaps.index(point["gap"]) - near) < 3:
+        if (
+            point["load_share"] == best["load_share"]
+            and 0 < abs(gaps.index(point["gap"]) - near) < 3
+        ):
             judge(i)
     return points[min(cost, key=lambda i: cost[i])]
 
 
 def _backward(
-    sides: tuple[Side, ...], base: tuple[Fit, ...], fits: tuple[Fit, ...], held: tuple[Fit, ...],
+    sides: tuple[Side, ...],
+    base: tuple[Fit, ...],
+    fits: tuple[Fit, ...],
+    held: tuple[Fit, ...],
     named: list[str],
 ) -> tuple[list[str], tuple[Fit, ...], tuple[Fit, ...]]:
     """Drop effects that a later one made superfluous."""

@@ -74,7 +74,9 @@ class Scales:
         return self.sizes["force"] / rms if rms > 0.0 else self.sizes["force"]
 
 
-def library(loop: ClosedLoop, extra: tuple[Term, ...] = (), without: tuple[str, ...] = ()) -> list[Term]:
+def library(
+    loop: ClosedLoop, extra: tuple[Term, ...] = (), without: tuple[str, ...] = ()
+) -> list[Term]:
     """Return the effects that a diagnosis tries on a loop."""
     present = {term.name for term in loop.terms}
     if "asymmetric-friction" in present:

@@ -58,8 +58,11 @@ class Ranked:
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the entry."""
         return {
-            "effect": self.effect, "closed": self.closed, "p_value": self.p_value,
-            "held_out": self.held_out, "replicates": self.replicates,
+            "effect": self.effect,
+            "closed": self.closed,
+            "p_value": self.p_value,
+            "held_out": self.held_out,
+            "replicates": self.replicates,
         }
 
 
@@ -154,8 +157,12 @@ class Diagnosis:
         """Return the answer as a table."""
         header = ("effect", "closes alone", "p value", "named")
         rows = [
-            (r.effect, f"{100 * r.closed:.0f} %", f"{r.p_value:.3f}" if r.held_out else "screened",
-             "yes" if r.effect in self.effects else "replicates" if r.replicates else "")
+            (
+                r.effect,
+                f"{100 * r.closed:.0f} %",
+                f"{r.p_value:.3f}" if r.held_out else "screened",
+                "yes" if r.effect in self.effects else "replicates" if r.replicates else "",
+            )
             for r in self.ranking[:8]
         ]
         return table(f"Diagnosis of {self.name}", self._lines(), header, rows, self._notes())

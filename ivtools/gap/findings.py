@@ -62,50 +62,94 @@ def _motion(record: Record, loop: ClosedLoop) -> list[Finding]:
     kept = float(usable(record, loop).sum()) * record.dt
     moving = float(np.ptp(record.q_ref)) > 1e-9 * max(float(np.max(np.abs(record.q))), 1e-12)
     if not moving or kept < 0.2:
-        return [Finding("the reference does not move: a record at standstill says nothing about "
-                        "the model; record a motion over the stroke, in both directions")]
+        return [
+            Finding(
+                "the reference does not move: a record at standstill says nothing about "
+                "the model; record a motion over the stroke, in both directions"
+            )
+        ]
     if kept < _LEAST_TIME:
-        return [Finding(f"only {kept:.1f} s of the record show motion that can be compared; give "
-                        f"at least {_LEAST_TIME:g} s, better 20 s, with several reversals")]
+        return [
+            Finding(
+                f"only {kept:.1f} s of the record show motion that can be compared; give "
+                f"at least {_LEAST_TIME:g} s, better 20 s, with several reversals"
+            )
+        ]
     dq = np.gradient(record.q_ref[:, 0])
     if min(np.mean(dq > 0), np.mean(dq < 0)) < 0.02:
-        return [Finding("the reference moves in one direction only: friction and offset cannot be "
-                        "told apart; add the way back", fatal=False)]
+        return [
+            Finding(
+                "the reference moves in one direction only: friction and offset cannot be "
+                "told apart; add the way back",
+                fatal=False,
+            )
+        ]
     return []
 
 
 def _controller(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
-    if parity.clipped > SATURATED and parity.limit is not None:
-        return [Finding(f"the command is cut at {parity.limit:.4g} in {100 * parity.clipped:.0f} % of the "
-                        "samples, which the axis file does not say; put it in [controller] limit and "
-                        "use gentler references", fatal=False)]
-    if parity.clipped > SATURATED:
-        return [Finding(f"the command sits at its limit in {100 * parity.clipped:.0f} % of the "
-                        "samples; the loop is open there: use gentler references")]
+    return _at_limit(record, loop, parity) or _law(record, loop, parity)
+
+
+def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
+    own = loop.command(record) - (record.added if record.added is not None else 0.0)
+    top, limit = float(np.max(np.abs(own))), loop.controller.limit
+    if top > 1.05 * limit:
+        return [
+            Finding(
+                f"the recorded command reaches {top:.4g} and the axis file says that it is limited "
+                f"to {limit:g}; check the unit of nu, and [controller] limit"
+            )
+        ]
+    if parity.clipped <= SATURATED:
+        return []
+    share = f"in {100 * parity.clipped:.0f} % of the samples"
+    if parity.limit is not None:
+        text = f"the command is cut at {parity.limit:.4g} {share}, which the axis file does not say"
+        return [Finding(f"{text}; put it in [controller] limit, use gentler references", False)]
+    text = f"the command sits at its limit {share}; the loop is open there"
+    return [Finding(f"{text}: use gentler references")]
+
+
+def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > _GROSS}
     if parity.trustworthy and not gross:
         return []
-    factor = _factor(record, loop, parity)
-    if factor < 0.0:
-        return [Finding("the recorded command has the opposite sign of what the controller gives; "
-                        "check the sign of nu, or of q and q_ref")]
-    if not 0.2 < factor < 5.0:
-        return [Finding(f"the recorded command is {factor:.3g} times what the controller gives for "
-                        "the recorded position; check the units of q, q_ref and nu, and the gains "
-                        "in [controller]")]
     if gross and parity.trustworthy:
         text = ", ".join(f"{n} {100 * v:+.0f} %" for n, v in gross.items())
-        return [Finding(f"the record shows other controller settings than the axis file ({text}); "
-                        "correct [controller] and diagnose again")]
-    return [Finding(f"the control law reproduces the recorded command only to "
-                    f"{100 * parity.after:.0f} %; check kind, gains and velocity_filter in "
-                    "[controller], and that q, q_ref and nu belong together")]
+        return [
+            Finding(
+                f"the record shows other controller settings than the axis file ({text}); "
+                "correct [controller] and diagnose again"
+            )
+        ]
+    factor = _factor(record, loop, parity)
+    if factor < 0.0:
+        text = "the recorded command has the opposite sign of what the controller gives"
+        return [Finding(f"{text}; check the sign of nu, or of q and q_ref")]
+    if not 0.2 < factor < 5.0:
+        return [
+            Finding(
+                f"the recorded command is {factor:.3g} times what the controller gives for the "
+                "recorded position; check the units of q, q_ref and nu, and the gains in "
+                "[controller]"
+            )
+        ]
+    return [
+        Finding(
+            f"the control law reproduces the recorded command only to {100 * parity.after:.0f} %; "
+            "check kind, gains and velocity_filter in [controller], and that q, q_ref and nu "
+            "belong together"
+        )
+    ]
 
 
 def _factor(record: Record, loop: ClosedLoop, parity: Parity) -> float:
     """Return the recorded command per command of the declared law."""
     assert record.q_ref is not None
-    dq_ref = record.dq_ref if record.dq_ref is not None else np.gradient(record.q_ref, record.dt, axis=0)
+    dq_ref = (
+        record.dq_ref if record.dq_ref is not None else np.gradient(record.q_ref, record.dt, axis=0)
+    )
     law = loop.controller.law(record.dt)(record.q_ref[:, 0], dq_ref[:, 0], record.q[:, 0])
     nu = loop.command(record)[:, 0]
     nu = nu - record.added[:, 0] if record.added is not None else nu
@@ -118,12 +162,20 @@ def _mechanics(record: Record, loop: ClosedLoop) -> list[Finding]:
     """Look at the sign and size of the inertia that the record itself suggests."""
     inertia = rough_inertia(record, loop)
     if inertia <= 0.0:
-        return [Finding(f"the record suggests an inertia of {inertia:.3g}: the force does not "
-                        "accelerate the axis; check the sign of the command and of [drive] gain")]
+        return [
+            Finding(
+                f"the record suggests an inertia of {inertia:.3g}: the force does not "
+                "accelerate the axis; check the sign of the command and of [drive] gain"
+            )
+        ]
     start = loop.start.get("inertia")
     if start and not 0.05 < inertia / start < 20.0:
-        return [Finding(f"the record suggests an inertia of {inertia:.3g}, the axis file starts "
-                        f"from {start:g}; check units and [drive] gain")]
+        return [
+            Finding(
+                f"the record suggests an inertia of {inertia:.3g}, the axis file starts "
+                f"from {start:g}; check units and [drive] gain"
+            )
+        ]
     return []
 
 

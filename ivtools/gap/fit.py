@@ -62,7 +62,10 @@ def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:
     """Return the finite-difference step of every parameter of a loop."""
     out = {}
     for term in loop.terms:
-        shape = {p.name: loop.start.get(n, p.neutral) for n, p in zip(term.names, term.parameters, strict=True)}
+        shape = {
+            p.name: loop.start.get(n, p.neutral)
+            for n, p in zip(term.names, term.parameters, strict=True)
+        }
         for i, name in enumerate(term.names):
             p = term.parameters[i]
             size = abs(shape[p.name]) or scales.natural(term, i, shape)
@@ -70,8 +73,15 @@ def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:
     return out
 
 
-def jacobian(fold: Fold, loop: ClosedLoop, values: Mapping[str, float], free: Sequence[str],
-             step: Mapping[str, float], simulation: Simulation, e: Array) -> Array:
+def jacobian(
+    fold: Fold,
+    loop: ClosedLoop,
+    values: Mapping[str, float],
+    free: Sequence[str],
+    step: Mapping[str, float],
+    simulation: Simulation,
+    e: Array,
+) -> Array:
     """Return the derivative of the whitened error, (n_kept, n_free).
 
     A parameter of a force law acts through its force along the simulated trajectory and the
@@ -93,8 +103,9 @@ def jacobian(fold: Fold, loop: ClosedLoop, values: Mapping[str, float], free: Se
     return J
 
 
-def _law_change(term: Term, name: str, values: Mapping[str, float], step: float,
-                simulation: Simulation) -> Array:
+def _law_change(
+    term: Term, name: str, values: Mapping[str, float], step: float, simulation: Simulation
+) -> Array:
     """Return the derivative of a force law along a simulated trajectory, (n_samples,)."""
     q, dq, ddq = (a[:, 0] for a in simulation.motion)
     more = (simulation.tau[:, 0], simulation.t - simulation.t[0])
@@ -158,8 +169,13 @@ def _solve(J: Array, e: Array, units: Array) -> Array:
 
 
 def _search(
-    fold: Fold, loop: ClosedLoop, values: dict[str, float], free: Sequence[str], move: Array,
-    e: Array, simulation: Simulation,
+    fold: Fold,
+    loop: ClosedLoop,
+    values: dict[str, float],
+    free: Sequence[str],
+    move: Array,
+    e: Array,
+    simulation: Simulation,
 ) -> tuple[dict[str, float] | None, Simulation, Array]:
     """Shorten the step until the cost falls."""
     for factor in (1.0, 0.3, 0.05):

@@ -15,7 +15,6 @@ from scipy import linalg, signal
 
 from ..record import Record
 from .fit import Fit
-from .fold import Fold
 from .response import Response, features
 
 Array = NDArray[np.float64]
@@ -76,7 +75,7 @@ def measure(fit: Fit, response: Response, raw: Array, periods: tuple[float, ...]
     keep = fold.keep
     dt = fold.record.dt
     rest = _project(columns, fit, raw, keep)
-    whitener, weights = np.ones(1), keep.astype(float)
+    whitener = np.ones(1)
     for _ in range(2):
         quiet = _quiet(rest, keep, dt)
         whitener = _autoregression(rest, quiet)
@@ -117,9 +116,7 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, keep: Mask) ->
     basis = basis / scale
     white = signal.lfilter(whitener, [1.0], np.column_stack([basis, raw]), axis=0)[keep]
     beta = np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-7)[0]
-    rest = raw - basis @ beta
-    rest[~fit.fold.keep] = 0.0
-    return np.asarray(rest)
+    return np.asarray(raw - basis @ beta)
 
 
 def _windows(x: Array, keep: Mask, dt: float) -> tuple[Array, NDArray[np.int_], int]:
@@ -182,7 +179,7 @@ def _typical(white: Array, keep: Mask, dt: float) -> Mask:
 def events(white: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows far above the floor, (n_samples,)."""
     energy, counts, width = _windows(white**2, keep, dt)
-    full = counts >= 0.3 * width
+    full = counts >= 0.95 * width
     if not full.any():
         return np.zeros(len(white), dtype=bool)
     middle = np.median(energy[full])
@@ -195,8 +192,11 @@ def events(white: Array, keep: Mask, dt: float) -> Mask:
 
 
 def stretches(mask: Mask, t: Array) -> tuple[tuple[float, float], ...]:
+    """Return start and end, s, of every run of a mask."""
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(int)))
-    return tuple((float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True))
+    return tuple(
+        (float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)
+    )
 
 
 def reference_period(record: Record) -> float | None:
@@ -214,8 +214,12 @@ def reference_period(record: Record) -> float | None:
     away = np.flatnonzero(mismatch > 0.1)
     if not len(away):
         return None
-    good = np.flatnonzero(mismatch[max(away[0], least):] < 1e-4)
-    return None if not len(good) else float(_deepest(mismatch, max(away[0], least) + good[0]) * record.dt)
+    good = np.flatnonzero(mismatch[max(away[0], least) :] < 1e-4)
+    return (
+        None
+        if not len(good)
+        else float(_deepest(mismatch, max(away[0], least) + good[0]) * record.dt)
+    )
 
 
 def _deepest(mismatch: Array, at: int) -> int:
@@ -233,4 +237,3 @@ def _passes(raw: Array, keep: Mask, period: float | None, dt: float) -> float | 
     if len(difference) < 100:
         return None
     return float(np.std(signal.detrend(difference)) / np.sqrt(2.0))
-

@@ -79,7 +79,9 @@ def _masks(record: Record) -> dict[str, Mask]:
     for i, name in enumerate(("low", "middle", "high")):
         masks[f"{name} speed"] = (np.abs(dq) > i * top / 3) & (np.abs(dq) <= (i + 1) * top / 3)
     for i, name in enumerate(("first", "second", "third")):
-        masks[f"{name} third of the stroke"] = (q >= low + i * span / 3) & (q <= low + (i + 1) * span / 3)
+        masks[f"{name} third of the stroke"] = (q >= low + i * span / 3) & (
+            q <= low + (i + 1) * span / 3
+        )
     if record.added is not None and record.added.any():
         edge = np.abs(np.diff(record.added[:, 0], prepend=record.added[0, 0])) > 0.0
         if edge.mean() < 0.05:

@@ -1,4 +1,4 @@
-"""Controller parity: does the recorded command follow from the measured position?
+"""Controller parity: whether the recorded command follows from the measured position.
 
 The control law is fed with the measured position and compared with the recorded command. That
 needs no model of the plant, and separates a wrong controller, a log that is shifted in time, a
@@ -130,7 +130,11 @@ def _limit(signals: _Signals, controller: Controller) -> tuple[float | None, NDA
     top = float(np.max(np.abs(own)))
     at_top = np.abs(own) > 0.9995 * top
     beyond = at_top & (np.abs(law) > 1.02 * top) & (np.sign(law) == np.sign(own))
-    if top < 0.999 * controller.limit and beyond.sum() >= _CLIPPED and beyond.sum() > 0.8 * at_top.sum():
+    if (
+        top < 0.999 * controller.limit
+        and beyond.sum() >= _CLIPPED
+        and beyond.sum() > 0.8 * at_top.sum()
+    ):
         found, clipped = top, at_top
     return found, clipped
 
@@ -153,7 +157,7 @@ def _fit(
     names = [n for n in NAMES if n != "added" or signals.added.any()]
     x = np.zeros(len(names))
     rows = free.copy()
-    rows[: _HEAD] = False
+    rows[:_HEAD] = False
     wide = replace(controller, limit=np.inf)
 
     def error(x: Array) -> Array:
@@ -177,7 +181,10 @@ def _fit(
 def _deviations(columns: Array, e: Array, blocks: int = 40) -> Array:
     """Return block-robust standard deviations."""
     bread = np.linalg.pinv(columns.T @ columns)
-    scores = [c.T @ r for c, r in zip(np.array_split(columns, blocks), np.array_split(e, blocks), strict=True)]
+    scores = [
+        c.T @ r
+        for c, r in zip(np.array_split(columns, blocks), np.array_split(e, blocks), strict=True)
+    ]
     meat = np.asarray(scores).T @ np.asarray(scores)
     return np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0))
 
@@ -193,7 +200,7 @@ def _material(
     """Keep what is significant, worth a name, and explains the parity error."""
     kept = {n: v for n, v in fitted.items() if abs(v) > _MATERIAL and tvalues[n] > _T}
     rows = free.copy()
-    rows[: _HEAD] = False
+    rows[:_HEAD] = False
 
     def energy(values: dict[str, float]) -> float:
         changed = replace(_corrected(controller, delay, values, None), limit=np.inf)

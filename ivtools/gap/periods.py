@@ -48,8 +48,9 @@ def search(
     return {kind: _peaks(q, v, back, w, fold, response, count) for kind, w in weights.items()}
 
 
-def _peaks(q: Array, v: Array, back: Array, weight: Array, fold: Fold, response: Response,
-           count: int) -> list[float]:
+def _peaks(
+    q: Array, v: Array, back: Array, weight: Array, fold: Fold, response: Response, count: int
+) -> list[float]:
     """Return the periods with the largest explained energy."""
     stroke = float(np.ptp(q))
     density, _ = np.histogram(q, bins=_BINS, range=(q.min(), q.max()), weights=back * weight)

@@ -128,7 +128,7 @@ def _attributed(
 
 
 def _local(level: Floor) -> bool:
-    """Whether the stretches that stand out are few: an event, not a way of the model to be wrong."""
+    """Whether few stretches stand out: events, not a way of the model to be wrong."""
     return 0 < len(level.events) <= _FEW and float(np.mean(level.event_mask)) < _SHORT
 
 
@@ -149,7 +149,9 @@ def _measure(record: Record, checked: Parity) -> Measured:
     scales = Scales(record, loop)
     values = start(Fold(record, usable(record, loop)), loop)
     if not values.get("inertia", 1.0) > 0.0:
-        raise EstimationError(f"the record suggests an inertia of {values['inertia']:.3g}; check units and signs")
+        raise EstimationError(
+            f"the record suggests an inertia of {values['inertia']:.3g}; check units and signs"
+        )
     heard = response.measure(loop, record, values)
     fold = Fold(record, usable(record, loop), response=heard, label=record.name)
     step = steps(fold, loop, scales)
@@ -188,12 +190,20 @@ def _first_half(record: Record) -> NDArray[np.bool_]:
     looks = np.column_stack([np.sign(dq), dq, np.abs(dq), np.abs(ddq), q, q * np.sign(dq)])
     looks = looks / np.maximum(np.std(looks, axis=0), 1e-300)
     halves = [np.arange(n) * k // n % 2 == 0 for k in _SEGMENTS]
-    return min(halves, key=lambda h: float(np.sum((looks[h].mean(axis=0) - looks[~h].mean(axis=0)) ** 2)))
+    return min(
+        halves, key=lambda h: float(np.sum((looks[h].mean(axis=0) - looks[~h].mean(axis=0)) ** 2))
+    )
 
 
 def _answer(
-    name: str, loop: ClosedLoop, measured: tuple[Measured, ...], result: Attribution,
-    sides: tuple[Side, ...], rules: Rules, found: list[findings.Finding], held_out: bool,
+    name: str,
+    loop: ClosedLoop,
+    measured: tuple[Measured, ...],
+    result: Attribution,
+    sides: tuple[Side, ...],
+    rules: Rules,
+    found: list[findings.Finding],
+    held_out: bool,
 ) -> Diagnosis:
     checked = tuple(m.parity for m in measured)
     declared = _declared(loop, measured)
@@ -211,8 +221,12 @@ def _answer(
         effects=effects,
         ambiguous_with={e: result.ambiguous.get(e, []) for e in effects},
         parameters={**values, **_parameters(result)},
-        block=locate.block(effects, any(_delayed(loop, p) for p in checked),
-                           any(_local(m.floor) for m in measured), verdict != "adequate"),
+        block=locate.block(
+            effects,
+            any(_delayed(loop, p) for p in checked),
+            any(_local(m.floor) for m in measured),
+            verdict != "adequate",
+        ),
         regions=locate.regions(judge.record, judge.keep, traces.before, traces.after),
         shrink=shrink,
         ranking=_ranking(result, rules, energy),
@@ -234,7 +248,8 @@ def _declared(loop: ClosedLoop, measured: tuple[Measured, ...]) -> Fit:
     last = measured[-1]
     record = last.base.fold.record
     if last.parity.mismatch.get("added"):
-        record = replace(record, added=record.added / (1.0 + last.parity.mismatch["added"]))
+        added = np.asarray(record.added) / (1.0 + last.parity.mismatch["added"])
+        record = replace(record, added=added)
     fold = replace(last.side.fold, record=record)
     step = steps(fold, loop, last.side.scales)
     return gauss_newton(fold, loop, last.base.values, last.base.free, step, 5)
@@ -250,9 +265,14 @@ def _how_far(
     level = measured[-1].floor
     shrink = quantify(before, after, still, _reachable(level, after), held_out)
     record = after.fold.record
-    e0, e1 = before.fold.force_error(before.loop, before.values), after.fold.force_error(after.loop, after.values)
+    e0, e1 = (
+        before.fold.force_error(before.loop, before.values),
+        after.fold.force_error(after.loop, after.values),
+    )
     force = after.loop.force(record)[:, 0]
-    return shrink, Traces(record, after.fold.keep, force, e0, e1, _spectra(record.dt, e0, e1, level))
+    return shrink, Traces(
+        record, after.fold.keep, force, e0, e1, _spectra(record.dt, e0, e1, level)
+    )
 
 
 def _reachable(level: Floor, after: Fit) -> float:
@@ -277,7 +297,9 @@ def _spectra(dt: float, e0: Array, e1: Array, level: Floor) -> tuple[Array, Arra
     return hz, np.sqrt(before), np.sqrt(after), np.sqrt(2.0 * dt) * np.abs(gain)
 
 
-def _controller_effects(checked: tuple[Parity, ...]) -> tuple[list[str], dict[str, dict[str, float]]]:
+def _controller_effects(
+    checked: tuple[Parity, ...],
+) -> tuple[list[str], dict[str, dict[str, float]]]:
     """Return what the controller itself shows, decided at parity level."""
     effects, values = [], {}
     limits = [p.limit for p in checked if p.limit is not None]
@@ -288,7 +310,8 @@ def _controller_effects(checked: tuple[Parity, ...]) -> tuple[list[str], dict[st
     if names:
         effects.append("controller-mismatch")
         values["controller-mismatch"] = {
-            n: float(np.mean([p.mismatch[n] for p in checked if n in p.mismatch])) for n in sorted(names)
+            n: float(np.mean([p.mismatch[n] for p in checked if n in p.mismatch]))
+            for n in sorted(names)
         }
     return effects, values
 
@@ -314,7 +337,9 @@ def _ranking(result: Attribution, rules: Rules, energy: float) -> tuple[Ranked, 
         trial = fitted.get(name)
         closed = float(np.clip((trial.share if trial else share) / gap, 0.0, 1.0))
         p = result.pvalues.get(name, 1.0) if trial else 1.0
-        ranked.append(Ranked(name, closed, p, trial is not None, bool(trial and trial.passes(rules))))
+        ranked.append(
+            Ranked(name, closed, p, trial is not None, bool(trial and trial.passes(rules)))
+        )
     return tuple(sorted(ranked, key=lambda r: (not r.held_out, -r.closed)))
 
 
@@ -358,37 +383,59 @@ def _delayed(loop: ClosedLoop, p: Parity) -> bool:
     return p.delay != loop.controller.delay
 
 
-def _remarks(loop: ClosedLoop, measured: tuple[Measured, ...], result: Attribution, held_out: bool) -> list[str]:
+def _remarks(
+    loop: ClosedLoop, measured: tuple[Measured, ...], result: Attribution, held_out: bool
+) -> list[str]:
     lines = []
     for m in measured:
         p, name = m.parity, m.side.fold.record.name
         if _delayed(loop, p):
-            lines.append(f"{name}: the recorded command follows the measured position by {p.delay} samples, "
-                         f"the axis file says {loop.controller.delay}; parity error {100 * p.before:.2g} % "
-                         f"-> {100 * p.after:.2g} %")
+            lines.append(
+                f"{name}: the recorded command follows the measured position by {p.delay} samples, "
+                f"the axis file says {loop.controller.delay}; parity error {100 * p.before:.2g} % "
+                f"-> {100 * p.after:.2g} %"
+            )
         if "added" in p.mismatch:
-            lines.append(f"{name}: the added input acts {100 * p.mismatch['added']:+.2g} % larger than recorded")
+            lines.append(
+                f"{name}: the added input acts {100 * p.mismatch['added']:+.2g} % larger than "
+                "recorded"
+            )
         if _local(m.floor):
             when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in m.floor.events[:6])
             lines.append(f"{name}: stands out and does not come again: {when}")
         if p.clipped > 0.0:
-            lines.append(f"{name}: the command sits at its limit in {100 * p.clipped:.2g} % of the samples; "
-                         "records at the limit are hard to reproduce")
+            lines.append(
+                f"{name}: the command sits at its limit in {100 * p.clipped:.2g} % of the samples; "
+                "records at the limit are hard to reproduce"
+            )
     if not held_out:
-        lines.append("no hold-out: stretches of the record judged each other; a second record makes "
-                     "the answer stronger")
+        lines.append(
+            "no hold-out: stretches of the record judged each other; a second record makes "
+            "the answer stronger"
+        )
     return lines
 
 
-def _refused(record: Record, loop: ClosedLoop, checked: tuple[Parity, ...],
-             found: list[findings.Finding]) -> Diagnosis:
+def _refused(
+    record: Record, loop: ClosedLoop, checked: tuple[Parity, ...], found: list[findings.Finding]
+) -> Diagnosis:
     """Report what is wrong with the input instead of naming an effect."""
     controller = any(not p.trustworthy for p in checked)
     return Diagnosis(
-        verdict="unexplained", effects=(), ambiguous_with={}, parameters={},
-        block="controller" if controller else None, regions=(), shrink=None, ranking=(),
-        advice=(), findings=tuple(found), parity=checked, floors=(), loop=loop, theta={},
-        chi=(float("nan"), float("nan")), name=record.name,
+        verdict="unexplained",
+        effects=(),
+        ambiguous_with={},
+        parameters={},
+        block="controller" if controller else None,
+        regions=(),
+        shrink=None,
+        ranking=(),
+        advice=(),
+        findings=tuple(found),
+        parity=checked,
+        floors=(),
+        loop=loop,
+        theta={},
+        chi=(float("nan"), float("nan")),
+        name=record.name,
     )
-
-

@@ -50,14 +50,24 @@ class Shrink:
     def closed(self) -> float:
         """Fraction of the reducible gap that is closed."""
         reducible = self.before - self.floor
-        return float(np.clip((self.before - self.after) / reducible, -1.0, 1.0)) if reducible > 0 else 0.0
+        return (
+            float(np.clip((self.before - self.after) / reducible, -1.0, 1.0))
+            if reducible > 0
+            else 0.0
+        )
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the shrink."""
         return {
-            "signal": "force", "unit": self.unit, "before": self.before, "after": self.after,
-            "interval": list(self.interval), "floor": self.floor, "closed": self.closed,
-            "held_out": self.held_out, "frozen": self.frozen,
+            "signal": "force",
+            "unit": self.unit,
+            "before": self.before,
+            "after": self.after,
+            "interval": list(self.interval),
+            "floor": self.floor,
+            "closed": self.closed,
+            "held_out": self.held_out,
+            "frozen": self.frozen,
             "signals": {n: {"before": b, "after": a} for n, (b, a) in self.signals.items()},
         }
 
@@ -65,7 +75,9 @@ class Shrink:
 def quantify(before: Fit, after: Fit, frozen: Fit, floor: float, held_out: bool) -> Shrink:
     """Measure the gap on the held-out fold, without and with the named effects."""
     fold = after.fold
-    e0, e1, e2 = (f.fold.force_error(f.loop, f.values)[f.fold.keep] for f in (before, after, frozen))
+    e0, e1, e2 = (
+        f.fold.force_error(f.loop, f.values)[f.fold.keep] for f in (before, after, frozen)
+    )
     return Shrink(
         unit="N" if after.loop.joint == "prismatic" else "N m",
         before=_rms(e0),
@@ -98,11 +110,11 @@ def _signals(before: Fit, after: Fit) -> dict[str, tuple[float, float]]:
     runs = [f.fold.simulate(f.loop, f.values).motion for f in (before, after)]
     return {
         name: (_rms((m - runs[0][i])[keep]), _rms((m - runs[1][i])[keep]))
-        for i, (name, m) in enumerate(zip(("position", "velocity", "acceleration"), measured, strict=True))
+        for i, (name, m) in enumerate(
+            zip(("position", "velocity", "acceleration"), measured, strict=True)
+        )
     }
 
 
 def _motion(record: Record, loop: ClosedLoop) -> tuple[Array, ...]:
     return tuple(loop.pipeline(record).differentiate(record.q, record.dt))
-
-

@@ -63,7 +63,9 @@ def measure(loop: ClosedLoop, record: Record, values: Mapping[str, float]) -> Re
         loop.with_terms("inertia", "viscous"),
         controller=replace(loop.controller, limit=np.inf),
     )
-    viscous = values.get("viscous", 0.5 * (values.get("viscous_pos", 0.0) + values.get("viscous_neg", 0.0)))
+    viscous = values.get(
+        "viscous", 0.5 * (values.get("viscous_pos", 0.0) + values.get("viscous_neg", 0.0))
+    )
     theta = {"inertia": values["inertia"], "viscous": viscous}
     force, at = np.zeros(record.n_samples), 20
     size = float(np.sqrt(np.mean(loop.force(record) ** 2)))
@@ -90,7 +92,13 @@ def features(simulation: Simulation, extra_periods: tuple[float, ...] = ()) -> A
     q, dq, tau = simulation.q[:, 0], simulation.dq[:, 0], simulation.tau[:, 0]
     dt = float(simulation.t[1] - simulation.t[0])
     s, x = np.sign(dq), 2.0 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1.0
-    columns = [*_speed(dq, s), *_position(x, s), *_load(tau, s), *_reversal(dq, s, dt), *_slow(dq, s)]
+    columns = [
+        *_speed(dq, s),
+        *_position(x, s),
+        *_load(tau, s),
+        *_reversal(dq, s, dt),
+        *_slow(dq, s),
+    ]
     for p in extra_periods:
         columns += [np.cos(2 * np.pi * q / p), np.sin(2 * np.pi * q / p)]
     matrix = np.column_stack(columns)

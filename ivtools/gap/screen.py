@@ -98,14 +98,23 @@ def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[d
     if any(p.name == "period" for p in term.parameters):
         return [{"period": p} for p in lines["cogging"]]
     if term.name == "drive-timing":
-        return [{"delay": 0.5 * scales.record.dt, "lag": 0.0}, {"delay": 0.0, "lag": 0.5 * scales.record.dt}]
+        return [
+            {"delay": 0.5 * scales.record.dt, "lag": 0.0},
+            {"delay": 0.0, "lag": 0.5 * scales.record.dt},
+        ]
     if term.name in _COARSE:  # the dense scan waits until the effect is in question
         return list(scans(term, scales))[:: _COARSE[term.name]]
     return list(scans(term, scales))
 
 
-def _direction(fit: Fit, response: Response, scales: Scales, simulation: Simulation, term: Term,
-               shape: dict[str, float]) -> _Direction:
+def _direction(
+    fit: Fit,
+    response: Response,
+    scales: Scales,
+    simulation: Simulation,
+    term: Term,
+    shape: dict[str, float],
+) -> _Direction:
     """Return the change of the error that the effect makes, (n_samples, m)."""
     if term.law is not None and any(p.linear for p in term.parameters):
         linear = [i for i, p in enumerate(term.parameters) if p.linear]
@@ -113,7 +122,9 @@ def _direction(fit: Fit, response: Response, scales: Scales, simulation: Simulat
         forces = np.column_stack([_law(term, i, shape, simulation) for i in linear])
         return _Direction(term, shape, names, -response(forces))
     if term.name == "encoder-eccentricity":
-        return _Direction(term, shape, ("cosine", "sine"), -response(_eccentric(fit, simulation, shape)))
+        return _Direction(
+            term, shape, ("cosine", "sine"), -response(_eccentric(fit, simulation, shape))
+        )
     loop = fit.loop.with_effect(term, **shape)
     e = fit.fold.force_error(loop, {**loop.values(fit.values)})
     if not np.isfinite(e[-1]):
@@ -167,4 +178,3 @@ def _statistic(C: Array, e: Array, beta: Array, fold: Fold) -> float:
     meat = scores.T @ scores
     value = beta @ bread @ np.linalg.lstsq(meat, bread @ beta, rcond=1e-9)[0]
     return float(value) / len(beta)
-

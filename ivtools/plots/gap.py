@@ -15,8 +15,17 @@ if TYPE_CHECKING:
 
 WIDTH_MM = 170.0  # two columns
 _BEFORE, _AFTER = COLOURS["error"], COLOURS["model"]
-_PARTS = ("reversal", "acceleration", "constant speed", "pulse edges", "forward", "backward",
-          "low speed", "middle speed", "high speed")
+_PARTS = (
+    "reversal",
+    "acceleration",
+    "constant speed",
+    "pulse edges",
+    "forward",
+    "backward",
+    "low speed",
+    "middle speed",
+    "high speed",
+)
 
 
 def gap(diagnosis: Diagnosis) -> Sheet:
@@ -67,7 +76,7 @@ def which(diagnosis: Diagnosis) -> Sheet:
 
 
 def how_far(diagnosis: Diagnosis) -> Sheet:
-    """Draw the gap before and after, and the measured and simulated force around the worst second."""
+    """Draw the gap before and after, and the forces around the worst second."""
     with look():
         figure = sheet(WIDTH_MM, 60.0)
         axes = figure.subplots(1, 2, width_ratios=(2, 3))
@@ -78,12 +87,23 @@ def how_far(diagnosis: Diagnosis) -> Sheet:
 
 #: Name, function and caption of every figure of a page.
 SET = (
-    ("where", where, "Where the gap sits: force error over time, share of its energy by region "
-     "against the share of the time, over the position-velocity plane, and spectrum against floor"),
-    ("which", which, "Which effect: share of the reducible gap that each effect closes alone on "
-     "held-out data"),
-    ("how-far", how_far, "How far: force error before and after, with its 95 % interval and the "
-     "floor; measured and simulated force around the worst second"),
+    (
+        "where",
+        where,
+        "Where the gap sits: force error over time, share of its energy by region "
+        "against the share of the time, over the position-velocity plane, and spectrum",
+    ),
+    (
+        "which",
+        which,
+        "Which effect: share of the reducible gap that each effect closes alone on held-out data",
+    ),
+    (
+        "how-far",
+        how_far,
+        "How far: force error before and after, with its 95 % interval and the "
+        "floor; measured and simulated force around the worst second",
+    ),
 )
 
 
@@ -135,8 +155,17 @@ def _plane(axes: Axes, diagnosis: Diagnosis) -> None:
     v = np.convolve(v, np.ones(15) / 15, mode="same")
     rows = np.flatnonzero(traces.keep)[:: max(len(q) // 5000, 1)]
     size = np.quantile(np.abs(traces.before[rows]), 0.98)
-    points = axes.scatter(q[rows], v[rows], c=traces.before[rows], s=1.5, cmap="RdBu_r",
-                          vmin=-size, vmax=size, rasterized=True, linewidths=0)
+    points = axes.scatter(
+        q[rows],
+        v[rows],
+        c=traces.before[rows],
+        s=1.5,
+        cmap="RdBu_r",
+        vmin=-size,
+        vmax=size,
+        rasterized=True,
+        linewidths=0,
+    )
     length = "m" if diagnosis.loop.joint == "prismatic" else "rad"
     axes.set_xlabel(f"position, {length}")
     axes.set_ylabel(f"velocity, {length}/s")
@@ -146,8 +175,11 @@ def _plane(axes: Axes, diagnosis: Diagnosis) -> None:
 
 def _spectrum(axes: Axes, diagnosis: Diagnosis) -> None:
     hz, before, after, floor = _traces(diagnosis).spectra
-    for values, colour, label in ((before, _BEFORE, "before"), (after, _AFTER, "after"),
-                                  (floor, "#009e73", "noise")):
+    for values, colour, label in (
+        (before, _BEFORE, "before"),
+        (after, _AFTER, "after"),
+        (floor, "#009e73", "noise"),
+    ):
         axes.loglog(hz[1:], values[1:], color=colour, label=label)
     axes.set_xlabel("frequency, Hz")
     axes.set_ylabel(f"{readable(_unit(diagnosis))}/√Hz")
@@ -173,8 +205,13 @@ def _shrink(axes: Axes, diagnosis: Diagnosis) -> None:
         raise DataError("the record did not allow a comparison; its findings say why")
     axes.bar((0, 1), (s.before, s.after), 0.6, color=(_BEFORE, _AFTER))
     low, high = s.interval
-    axes.errorbar([1], [s.after], [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]],
-                  color="black", capsize=3)
+    axes.errorbar(
+        [1],
+        [s.after],
+        [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]],
+        color="black",
+        capsize=3,
+    )
     axes.axhline(s.floor, color="#009e73", linestyle="--", label="floor")
     axes.set_xticks((0, 1), ("before", "after"))
     axes.set_ylabel(f"force error, {s.unit} rms")
@@ -184,7 +221,9 @@ def _shrink(axes: Axes, diagnosis: Diagnosis) -> None:
 def _worst(axes: Axes, diagnosis: Diagnosis) -> None:
     traces = _traces(diagnosis)
     width = min(round(1.0 / traces.record.dt), len(traces.before) // 2)
-    energy = np.convolve(np.where(traces.keep, traces.before, 0.0) ** 2, np.ones(width), mode="valid")
+    energy = np.convolve(
+        np.where(traces.keep, traces.before, 0.0) ** 2, np.ones(width), mode="valid"
+    )
     at = int(np.argmax(energy))
     rows = slice(at, at + width)
     t = traces.record.t[rows]
