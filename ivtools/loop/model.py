@@ -102,12 +102,14 @@ class Model:
             Drive force and time, for terms that depend on them.
         """
         q, dq, ddq = (np.ravel(a) for a in motion)
-        blocks = [
-            term.columns(q, dq, ddq, np.ravel(tau), np.ravel(t), self.start)
-            for term in self.terms
-            if term.law is not None
-        ]
-        return np.hstack(blocks)
+        out = np.empty((len(q), len(self.names)), order="F")  # columns are filtered one by one
+        first = 0
+        for term in self.terms:
+            if term.law is not None:
+                block = term.columns(q, dq, ddq, np.ravel(tau), np.ravel(t), self.start)
+                last = first + block.shape[1]
+                out[:, first:last], first = block, last
+        return out
 
     @property
     def substeps(self) -> int:

@@ -1,0 +1,144 @@
+"""How fast it is: `pytest benchmarks/speed` (pytest-benchmark); `report.py` writes the table.
+
+Each figure has a limit that it must keep. Times are the best of many, because what a computation
+costs is its least time: whatever else the machine does can only add to it.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+
+from ivtools import IDIMLS, Problem, axes, datasets
+from ivtools.loop import ClosedLoop
+from ivtools.loop.system import initial_state
+
+THETA = {"inertia": 95.1, "viscous": 203.5, "coulomb": 20.4, "offset": -3.16}
+ASYMMETRIC = {
+    "inertia": 95.15,
+    "viscous_pos": 166.7,
+    "coulomb_pos": 20.1,
+    "viscous_neg": 240.4,
+    "coulomb_neg": 20.6,
+}
+CONTROL_SAMPLES = 1000  # python-control is timed on a part; its cost is linear in the samples
+
+
+@pytest.fixture(scope="module")
+def record():
+    return datasets.twin()  # 24841 samples, as the measured record has
+
+
+@pytest.fixture(scope="module")
+def loop() -> ClosedLoop:
+    return axes.emps()
+
+
+def best_ms(benchmark) -> float:
+    return 1e3 * benchmark.stats.stats.min
+
+
+def limit(benchmark, ms: float) -> None:
+    benchmark.extra_info["limit_ms"] = ms
+    if not benchmark.disabled:
+        assert best_ms(benchmark) <= ms
+
+
+def test_simulation_rigid(benchmark, record, loop):
+    loop.simulate(record, THETA)
+    benchmark(loop.simulate, record, THETA)
+    limit(benchmark, 1.0)
+
+
+def test_simulation_asymmetric(benchmark, record, loop):
+    loop = loop.with_terms("inertia", "asymmetric-friction")
+    loop.simulate(record, ASYMMETRIC)
+    benchmark(loop.simulate, record, ASYMMETRIC)
+    limit(benchmark, 1.0)
+
+
+EFFECTS = {
+    "position-friction": ({"slope": 5.0}, 4.0),
+    "stribeck": ({"force": 5.0, "speed": 0.01}, 6.0),
+    "flexibility": ({"frequency_hz": 45.0}, 20.0),
+}
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_simulation_with_an_effect(benchmark, record, loop, effect):
+    values, ms = EFFECTS[effect]
+    loop = loop.with_effect(effect, **values)
+    loop.simulate(record, THETA)
+    benchmark(loop.simulate, record, THETA)
+    limit(benchmark, ms)
+
+
+def test_ratio_to_python_control(benchmark, record, loop):
+    """The same loop by python-control in the same process, per sample."""
+    n = CONTROL_SAMPLES
+    q_ref = record.q_ref[:n, 0]
+    inputs = np.array([q_ref, np.gradient(q_ref, record.dt), np.zeros(n)])
+    system = loop.system(THETA, dt=record.dt)
+    state = initial_state(loop, loop.values(THETA), record.dt, 0.0, 0.0)
+    times = np.arange(n) * record.dt
+    theirs = []
+    for _ in range(3):
+        start = time.perf_counter()
+        control.input_output_response(system, times, inputs, state)
+        theirs.append((time.perf_counter() - start) / n)
+    loop.simulate(record, THETA)
+    benchmark(loop.simulate, record, THETA)
+    if not benchmark.disabled:
+        ratio = min(theirs) / (benchmark.stats.stats.min / record.n_samples)
+        benchmark.extra_info |= {"ratio": ratio, "limit_ratio": 800}
+        assert ratio >= 800
+
+
+def test_least_squares_fit(benchmark, record, loop):
+    """From the record to the estimate: derivatives, filters, regression, HAC covariance."""
+
+    def fit():
+        return IDIMLS().fit(Problem(record, loop))
+
+    fit()
+    benchmark(fit)
+    limit(benchmark, 6.0)
+
+
+def run(*command: str) -> None:
+    threads = {"OPENBLAS_NUM_THREADS": "1"}
+    subprocess.run(command, check=True, capture_output=True, env={**os.environ, **threads})
+
+
+def test_import(benchmark):
+    benchmark.pedantic(run, (sys.executable, "-c", "import ivtools"), rounds=7, warmup_rounds=1)
+    limit(benchmark, 700.0)
+
+
+def test_identify_from_a_cold_shell(benchmark):
+    command = (sys.executable, "-m", "ivtools.cli", "identify", "twin", "--method", "idim-ls")
+    script = Path(sys.executable).with_name("ivtools")
+    if script.exists():
+        command = (str(script), *command[3:])
+    benchmark.pedantic(run, command, rounds=5, warmup_rounds=1)
+    limit(benchmark, 3000.0)
+
+
+@pytest.mark.parametrize("n", [10**4, 10**5, 10**6, 10**7])
+def test_cost_and_memory_are_linear(benchmark, n):
+    """Simulation and least-squares rows of n samples, in a process of their own."""
+    script = Path(__file__).with_name("scaling.py")
+    done = subprocess.run(
+        [sys.executable, str(script), str(n)], check=True, capture_output=True, text=True
+    )
+    benchmark.extra_info |= (figures := json.loads(done.stdout))
+    benchmark.pedantic(lambda: None)
+    if n >= 10**6:  # below, the libraries weigh more than the data
+        assert figures["simulate_bytes"] <= 40.0
+        assert figures["rows_bytes"] <= 40.0
