@@ -5,7 +5,8 @@ from __future__ import annotations
 from ivtools import plots
 from ivtools.report import Page, Picture
 from ivtools.reproduce.clocks import CLOCKS
-from ivtools.reproduce.reproduction import Reproduction, published_theta
+from ivtools.reproduce.figures import published_theta
+from ivtools.reproduce.reproduction import Reproduction
 from ivtools.reproduce.rows import SECTIONS
 
 LEAD = (

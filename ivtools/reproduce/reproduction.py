@@ -7,33 +7,16 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 from ivtools import axes, datasets
 from ivtools.estimators import IDIMLS
 from ivtools.problem import Problem
-from ivtools.record import Record
+from ivtools.reproduce import figures
 from ivtools.reproduce.clocks import CLOCKS
-from ivtools.reproduce.rows import SECTIONS, Printed, printed, value
-from ivtools.results import ErrorFigures, FitResults
+from ivtools.reproduce.rows import SECTIONS, Printed, printed
+from ivtools.results import FitResults
 from ivtools.tables import Text, table
-
-Key = tuple[str, str, str]
-Figures = dict[Key, float]
-
-NAMES = {
-    "inertia": "M1",
-    "viscous": "FV1",
-    "coulomb": "FC1",
-    "offset": "OF1",
-    "viscous_pos": "FV1p",
-    "coulomb_pos": "FC1p",
-    "viscous_neg": "FV1m",
-    "coulomb_neg": "FC1m",
-}
-#: Sections computed elsewhere: ``function(record) -> {(row, quantity): value}``.
-PROVIDERS = {"toolboxes": ("ivtools.estimators.toolboxes", "report_cases")}
 
 
 @dataclass(frozen=True)
@@ -194,94 +177,26 @@ def reproduce(data: str | Path | None = None) -> Reproduction:
     asymmetric = Problem(record, loop.with_terms("inertia", "asymmetric-friction"))
     ls = IDIMLS(cov_type="classical")
     fits = {"identification": ls.fit(problem), "asymmetric": ls.fit(asymmetric)}
-    figures = _settings(record, problem)
+    found = figures.settings(record, problem)
     for section, fit in fits.items():
-        figures |= _estimate(section, fit) | _quality(section, fit, fit.errors)
-    figures |= _cross_test(fits["identification"], holdout)
+        found |= figures.estimate(section, fit) | figures.quality(section, fit, fit.errors)
+    found |= figures.cross_test(fits["identification"], holdout)
     clocks = {}
     for section, driven in (("simulation", record), ("simulation-pulses", pulses)):
-        figures[section, "run", "time"] = _seconds(driven)
+        found[section, "run", "time"] = figures.seconds(driven)
         clocks[section] = {
-            c.name: c.relative_error(loop, driven, published_theta()) for c in CLOCKS
+            c.name: c.relative_error(loop, driven, figures.published_theta()) for c in CLOCKS
         }
         for signal, error in clocks[section]["published"].items():
-            figures[section, "error", signal] = error
-    figures |= _provided(record)
-    rows = tuple(Row(p, figures.get(p.key)) for p in printed())
+            found[section, "error", signal] = error
+    found |= figures.provided(record)
+    rows = tuple(Row(p, found.get(p.key)) for p in printed())
     return Reproduction(rows, clocks, fits, holdout)
-
-
-def published_theta() -> dict[str, float]:
-    """Return the parameters of the published simulation: those that the report prints."""
-    names = ("inertia", "viscous", "coulomb", "offset")
-    return {name: value("identification", NAMES[name], "value") for name in names}
-
-
-def _settings(record: Record, problem: Problem) -> Figures:
-    """Return what the report says about the axis and the record."""
-    settings, natural = problem.loop.controller.settings, problem.pipeline.cutoff_hz or 0.0
-    return {
-        ("settings", "kp", "value"): settings["kp"],
-        ("settings", "kv", "value"): settings["kv"],
-        ("settings", "gtau", "value"): problem.loop.gain,
-        ("settings", "bandwidth", "one digit"): natural / 5.0,
-        ("settings", "sampling", "value"): record.sampling_hz / 1000.0,
-        ("settings", "duration", "approximately"): float(record.t[-1] - record.t[0]),
-    }
-
-
-def _estimate(section: str, fit: FitResults) -> Figures:
-    """Return the parameters with their deviations."""
-    figures = {}
-    for name in fit.names:
-        key = (section, NAMES[name])
-        figures[*key, "value"] = float(fit.params[name])
-        figures[*key, "deviation"] = float(fit.std_errors[name])
-        figures[*key, "relative"] = float(fit.relative_std[name])
-    return figures
-
-
-def _quality(section: str, fit: FitResults, errors: ErrorFigures) -> Figures:
-    """Return |diag R|, the condition number and the size of the error."""
-    figures = {(section, NAMES[str(k)], "|diag R|"): float(v) for k, v in fit.abs_diag_r.items()}
-    figures[section, "X", "condition number"] = fit.condition_number
-    figures[section, "error", "norm"] = errors.norm
-    figures[section, "error", "relative"] = errors.relative
-    figures[section, "error", "deviation"] = errors.std
-    return figures
-
-
-def _cross_test(fit: FitResults, holdout: Problem) -> Figures:
-    """Return the figures of an estimate on another record."""
-    there = FitResults.from_solution(
-        fit.method, fit.params.to_numpy(), holdout.X, holdout.y, problem=holdout
-    )
-    return _quality("cross-test", there, fit.cross_test(holdout))
-
-
-def _seconds(record: Record) -> float:
-    """Return the duration of one simulation of the record, s; a first run loads the kernel."""
-    loop = axes.emps()
-    loop.simulate(record, published_theta())
-    start = perf_counter()
-    loop.simulate(record, published_theta())
-    return perf_counter() - start
-
-
-def _provided(record: Record) -> Figures:
-    """Return the figures of other rooms; a room that is not built gives none."""
-    figures: Figures = {}
-    for section, (module, function) in PROVIDERS.items():
-        if find_spec(module) is None:
-            continue
-        found = getattr(import_module(module), function)(record)
-        figures |= {(section, *key): float(number) for key, number in found.items()}
-    return figures
 
 
 def _notes(section: str) -> Sequence[str]:
     """Return what a reader must know about a section."""
-    module = PROVIDERS.get(section, ("",))[0]
+    module = figures.PROVIDERS.get(section, ("",))[0]
     if module and find_spec(module) is not None:
         return getattr(import_module(module), "NOTES", ())
     return _NOTES.get(section, ())
