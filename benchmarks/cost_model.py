@@ -15,13 +15,14 @@ import tempfile
 import time
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pandas as pd
 
 import ivtools as iv
 from ivtools.estimators.base import METHODS, estimator_class
 from ivtools.study import Case, Study, Trapezoids
-from ivtools.study.work import Bench, quiet
+from ivtools.study.work import Bench, payload, quiet
 
 RESULTS = Path(__file__).parent / "results"
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -79,6 +80,24 @@ def wall_per_seed(duration: float, seeds: int, jobs: int) -> float:
     return (time.perf_counter() - start) / seeds
 
 
+def cpu_in_worker(sent: bytes, first: int, last: int) -> float:
+    """Return the CPU time that a worker spends on some repetitions, s."""
+    from ivtools.study.work import work
+
+    work(sent, 0, 2)
+    start = time.process_time()
+    work(sent, first, last)
+    return time.process_time() - start
+
+
+def cpu_with_workers(duration: float, seeds: int, jobs: int) -> float:
+    """Return the CPU time of one repetition with IDIM-IV, s, with so many workers at once."""
+    sent = payload(case(duration), {"iv": iv.IDIMIV()})
+    blocks = [(seeds * k, seeds * (k + 1)) for k in range(jobs)]
+    parallel = joblib.Parallel(jobs if jobs > 1 else 2, batch_size=1)
+    return sum(parallel(joblib.delayed(cpu_in_worker)(sent, *b) for b in blocks)) / (seeds * jobs)
+
+
 def peak_mb(seeds: int) -> tuple[int, float]:
     """Return the rows of a streamed study and the peak memory of its process, MB."""
     with tempfile.TemporaryDirectory() as folder:
@@ -133,7 +152,10 @@ def main() -> None:
         one, two = (min(wall_per_seed(duration, options.seeds, j) for _ in "12") for j in (1, 2))
         facts[f"record + IDIM-IV, {duration:g} s at 1 kHz: 1 worker"] = f"{1 / one:.0f} per s"
         facts[f"record + IDIM-IV, {duration:g} s at 1 kHz: 2 workers"] = f"{1 / two:.0f} per s"
-        facts[f"ratio of 2 workers to 1, {duration:g} s"] = f"{one / two:.2f}"
+        facts[f"ratio of 2 workers to 1, {duration:g} s, wall time"] = f"{one / two:.2f}"
+        alone, both = (1e3 * cpu_with_workers(duration, options.seeds // 4, j) for j in (1, 2))
+        label = f"CPU per repetition, {duration:g} s: 1 worker, 2 at once (2 / their ratio)"
+        facts[label] = f"{alone:.2f} ms, {both:.2f} ms ({2.0 * alone / both:.2f})"
     for seeds in (options.memory // 10, options.memory):
         rows, peak = peak_mb(seeds)
         facts[f"peak memory, {rows} rows streamed and returned"] = f"{peak:.0f} MB"
