@@ -211,6 +211,6 @@ class FrictionCurve:
 
     def plot(self, **options: Any) -> Figure:
         """Draw the curve over velocity with its band."""
-        from ivtools import plots
+        from ivtools.plots.friction_curve import friction_curve
 
-        return plots.friction_curve(self, **options)
+        return friction_curve(self, **options)
