@@ -4,8 +4,8 @@ gap = iv.diagnose(record, loop, holdout=other)
 print(gap.summary())
 """
 
-from .attribute import Rules
 from .diagnosis import VERDICTS, Diagnosis, Ranked
 from .process import diagnose
+from .trial import Rules
 
 __all__ = ["VERDICTS", "Diagnosis", "Ranked", "Rules", "diagnose"]

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 _LEAST_TIME = 3.0  # s of usable motion
 _GROSS = 0.15  # a larger error of a gain is a wrong axis file, not an effect
+_BEYOND = 2.0  # command over its declared limit from which a unit must be wrong
 SATURATED = 0.2  # share of samples at the limit beyond which nothing can be said
 
 
@@ -94,7 +95,7 @@ def _controller(record: Record, loop: ClosedLoop, parity: Parity) -> list[Findin
 def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     own = loop.command(record) - (record.added if record.added is not None else 0.0)
     top, limit = float(np.max(np.abs(own))), loop.controller.limit
-    if top > 1.05 * limit:
+    if top > _BEYOND * limit:
         return [
             Finding(
                 f"the recorded command reaches {top:.4g} and the axis file says that it is limited "
