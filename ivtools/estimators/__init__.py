@@ -18,7 +18,7 @@ _OTHERS = {
     "RIVC": "transfer_function",
     "CLSRIVC": "transfer_function",
     "search_structures": "structure",
-    "drive_gain": "drive_gain",
+    "DriveGain": "drive_gain",
 }
 
 __all__ = ["METHODS", "Estimator", "reduce", *_CLASSES, *_OTHERS]  # noqa: PLE0604

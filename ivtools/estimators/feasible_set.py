@@ -150,7 +150,12 @@ class FeasibleSet:
     def notes(self) -> tuple[str, ...]:
         """What the set says, one line each."""
         if not self.empty:
-            return (f"the bound could shrink to {self.smallest:.4g} of itself",)
+            box = ", ".join(f"{n} {self.lower[n]:.5g} to {self.upper[n]:.5g}" for n in self.names)
+            least = self.smallest * self.bound.max()
+            return (
+                f"bound {self.bound.max():.4g}; the least that leaves anything is {least:.4g}",
+                f"box: {box}",
+            )
         where = ", ".join(
             str(k) if self.t is None else f"{k} (t = {self.t[k]:.3f} s)" for k in self.rows
         )

@@ -29,8 +29,8 @@ NOTES = (
     "8 % once a constant input is estimated too: most of it is the offset, integrated.",
     "Command to velocity: one pole does far better than printed (16 % by SRIVC, 19 % with a noise "
     "model). SRIVC with three poles, no zero and a constant input comes near the printed pair "
-    "(49 %, 0.76): a structure with more poles than the axis has is a likely reason. What stays with one is dry friction, which no "
-    "transfer function has.",
+    "(49 %, 0.76): a structure with more poles than the axis has is a likely reason. What "
+    "stays with one is dry friction, which no transfer function has.",
     "Reference to position: the controller hides the plant; any second-order system near 20 Hz "
     "with unit gain fits, and says nothing about friction.",
 )
