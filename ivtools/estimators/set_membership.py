@@ -115,5 +115,3 @@ class SetMembership(Estimator):
         data = [list(row.values()) for row in rows.values()]
         index = pd.Index(list(rows), name="bound")
         return pd.DataFrame(data, index=index, columns=columns).astype({("set", "empty"): bool})
-
-
