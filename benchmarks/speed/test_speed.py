@@ -1,11 +1,13 @@
 """How fast it is: `pytest benchmarks/speed` (pytest-benchmark); `report.py` writes the table.
 
-Each figure has a limit that it must keep. Times are the best of many, because what a computation
-costs is its least time: whatever else the machine does can only add to it.
+Each figure has a limit that it must keep, in processor time of one thread, the best of many: that
+is the elapsed time on a machine that does nothing else, and all that can be known on a busy one.
+Elapsed times are reported beside it.
 """
 
 import json
 import os
+import resource
 import subprocess
 import sys
 import time
@@ -40,27 +42,35 @@ def loop() -> ClosedLoop:
     return axes.emps()
 
 
-def best_ms(benchmark) -> float:
-    return 1e3 * benchmark.stats.stats.min
+def limit(benchmark, ms: float, call, repeats: int = 40, who: int = resource.RUSAGE_SELF) -> None:
+    """Hold the processor time of a call to a limit; `who` may be the processes it starts."""
+    spent = []
+    for _ in range(repeats):
+        before = processor_seconds(who)
+        call()
+        spent.append(1e3 * (processor_seconds(who) - before))
+    benchmark.extra_info |= {"limit_ms": ms, "processor_ms": min(spent)}
+    assert min(spent) <= ms
 
 
-def limit(benchmark, ms: float) -> None:
-    benchmark.extra_info["limit_ms"] = ms
-    if not benchmark.disabled:
-        assert best_ms(benchmark) <= ms
+def processor_seconds(who: int) -> float:
+    if who == resource.RUSAGE_SELF:
+        return time.process_time()
+    used = resource.getrusage(who)
+    return used.ru_utime + used.ru_stime
 
 
 def test_simulation_rigid(benchmark, record, loop):
     loop.simulate(record, THETA)
     benchmark(loop.simulate, record, THETA)
-    limit(benchmark, 1.0)
+    limit(benchmark, 1.0, lambda: loop.simulate(record, THETA))
 
 
 def test_simulation_asymmetric(benchmark, record, loop):
     loop = loop.with_terms("inertia", "asymmetric-friction")
     loop.simulate(record, ASYMMETRIC)
     benchmark(loop.simulate, record, ASYMMETRIC)
-    limit(benchmark, 1.0)
+    limit(benchmark, 1.0, lambda: loop.simulate(record, ASYMMETRIC))
 
 
 EFFECTS = {
@@ -76,7 +86,7 @@ def test_simulation_with_an_effect(benchmark, record, loop, effect):
     loop = loop.with_effect(effect, **values)
     loop.simulate(record, THETA)
     benchmark(loop.simulate, record, THETA)
-    limit(benchmark, ms)
+    limit(benchmark, ms, lambda: loop.simulate(record, THETA))
 
 
 def test_ratio_to_python_control(benchmark, record, loop):
@@ -108,7 +118,7 @@ def test_least_squares_fit(benchmark, record, loop):
 
     fit()
     benchmark(fit)
-    limit(benchmark, 6.0)
+    limit(benchmark, 6.0, fit, 100)
 
 
 def run(*command: str) -> None:
@@ -117,8 +127,9 @@ def run(*command: str) -> None:
 
 
 def test_import(benchmark):
-    benchmark.pedantic(run, (sys.executable, "-c", "import ivtools"), rounds=7, warmup_rounds=1)
-    limit(benchmark, 700.0)
+    command = (sys.executable, "-c", "import ivtools")
+    benchmark.pedantic(run, command, rounds=3, warmup_rounds=1)
+    limit(benchmark, 700.0, lambda: run(*command), 3, resource.RUSAGE_CHILDREN)
 
 
 def test_identify_from_a_cold_shell(benchmark):
@@ -126,8 +137,8 @@ def test_identify_from_a_cold_shell(benchmark):
     script = Path(sys.executable).with_name("ivtools")
     if script.exists():
         command = (str(script), *command[3:])
-    benchmark.pedantic(run, command, rounds=5, warmup_rounds=1)
-    limit(benchmark, 3000.0)
+    benchmark.pedantic(run, command, rounds=2, warmup_rounds=1)
+    limit(benchmark, 3000.0, lambda: run(*command), 2, resource.RUSAGE_CHILDREN)
 
 
 @pytest.mark.parametrize("n", [10**4, 10**5, 10**6, 10**7])
