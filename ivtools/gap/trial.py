@@ -47,7 +47,7 @@ class Rules:
     amplitude: tuple[float, float] = (0.6, 1.67)
     margin: float = 0.08
     refit: int = 4
-    most: int = 3
+    most: int = 4
     further: float = 0.05
 
 
