@@ -42,7 +42,7 @@ def dominant_mode_hz(loop: ClosedLoop, inertia: float, viscous: float, dt: float
     --------
     >>> import ivtools as iv
     >>> round(dominant_mode_hz(iv.axes.emps(), 95.0, 200.0, 1e-3))
-    21
+    22
     """
     poles = np.linalg.eigvals(transition(loop, inertia, viscous, dt))
     rates = np.abs(np.log(poles[np.abs(poles) > _GONE])) / dt
