@@ -129,7 +129,8 @@ def main() -> None:
         print(
             f"{row['score']:10s} {'+'.join(row['label']['effects']) or '-':28s} -> "
             f"{'+'.join(row['effects']) or '-':28s} {row['ambiguous_with']} {row['verdict']} "
-            f"{row['gap']['before'] or 0:.2f}->{row['gap']['after'] or 0:.2f} {row['label']['reference']} "
+            f"{row['gap']['before'] or 0:.2f}->{row['gap']['after'] or 0:.2f} "
+            f"{row['label']['reference']} "
             f"{row['time']:.1f} s {'; '.join(row['findings'])[:90]}",
             flush=True,
         )
