@@ -429,7 +429,7 @@ def plan(suite: str, count: int) -> list[tuple[int, list[str]]]:
             ["load-friction"],
             ["position-friction"],
         ]
-        return [(k, e) for k in range(count) for e in named]
+        return [(100 * k + i, e) for k in range(count) for i, e in enumerate(named)]
     if suite == "outside":
         return [
             (k, [e])
