@@ -138,8 +138,8 @@ def fetch(name: str, url: str | None = None) -> Path:
     except (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise DataError(
             f"{data_set.filename} is not on this machine and cannot be downloaded from {url} "
-            f"({_reason(error)}); get it from {data_set.origin}, SHA-256 {data_set.sha256}, and put "
-            f"it in {cache}, or name its folder with --data or {FOLDER_VARIABLE}"
+            f"({_reason(error)}); get it from {data_set.origin}, SHA-256 {data_set.sha256}, and "
+            f"put it in {cache}, or name its folder with --data or {FOLDER_VARIABLE}"
         ) from error
 
 
