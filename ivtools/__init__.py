@@ -33,6 +33,10 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
 __version__ = "0.1.0"
 
 _MODULES = ("axes", "datasets", "errors", "estimators", "plots")
+_ESTIMATORS = """
+    IDIMLS IDIMWLS IDIMIV IDIMBCIV IDIMPIV DIDIM CLIE CLOE OLOE DDMLS DDMIV ML SetMembership LMILS
+    LMIIV NSGA2 SRIVC RIVC CLSRIVC StateDependentFriction
+""".split()
 _NAMES = {
     "Record": "record",
     "Pipeline": "pipeline",
@@ -41,11 +45,7 @@ _NAMES = {
     "FitResults": "results",
     "TestResult": "results",
     "compare": "results",
-    "IDIMLS": "estimators",
-    "IDIMWLS": "estimators",
-    "IDIMIV": "estimators",
-    "IDIMBCIV": "estimators",
-    "IDIMPIV": "estimators",
+    **dict.fromkeys(_ESTIMATORS, "estimators"),
     "Case": "study",
     "Study": "study",
     "diagnose": "gap",
