@@ -33,27 +33,10 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
 __version__ = "0.1.0"
 
 _MODULES = ("axes", "datasets", "errors", "estimators", "plots")
-_ESTIMATORS = [
-    "IDIMLS",
-    "IDIMWLS",
-    "IDIMIV",
-    "IDIMBCIV",
-    "IDIMPIV",
-    "DIDIM",
-    "CLIE",
-    "CLOE",
-    "OLOE",
-    "DDMLS",
-    "DDMIV",
-    "ML",
-    "SetMembership",
-    "LMILS",
-    "LMIIV",
-    "NSGA2",
-    "SRIVC",
-    "RIVC",
-    "CLSRIVC",
-    "StateDependentFriction",
+_ESTIMATORS = [  # fmt: skip
+    "IDIMLS", "IDIMWLS", "IDIMIV", "IDIMBCIV", "IDIMPIV", "DIDIM", "CLIE", "CLOE", "OLOE",
+    "DDMLS", "DDMIV", "ML", "SetMembership", "LMILS", "LMIIV", "NSGA2", "SRIVC", "RIVC",
+    "CLSRIVC", "StateDependentFriction",
 ]
 _NAMES = {
     "Record": "record",
