@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -173,7 +174,7 @@ class Diagnosis:
             values = ", ".join(f"{k} {v:.4g}" for k, v in self.parameters.get(effect, {}).items())
             twins = self.ambiguous_with.get(effect, [])
             other = f"; not told from {', '.join(twins)}" if twins else ""
-            lines.append(f"{effect}: {values}{other}"[:78])
+            lines += wrap(f"{effect}: {values}{other}", 78, subsequent_indent="  ")
         if self.block:
             lines.append(f"block: {self.block}")
         if self.shrink:
@@ -200,7 +201,7 @@ class Diagnosis:
         from ..report import Page, Picture
 
         page = Page(f"Diagnosis of {self.name}", f"{self.verdict}: {VERDICTS[self.verdict]}.")
-        page.add("The answer", *self._notes(), tables=[self.summary()])
+        page.add("The answer", tables=[self.summary()])
         if self.traces is not None:
             pictures = [Picture(n, f(self), c) for n, f, c in figures.SET]
             page.add("Where, which, how far", figures=pictures)

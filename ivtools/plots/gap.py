@@ -140,11 +140,11 @@ def _error(axes: Axes, diagnosis: Diagnosis) -> None:
 def _regions(axes: Axes, diagnosis: Diagnosis) -> None:
     shown = [r for r in diagnosis.regions if r.name in _PARTS]
     y = np.arange(len(shown))[::-1]
-    axes.barh(y + 0.27, [100 * r.energy for r in shown], 0.26, color=_BEFORE, label="energy before")
-    axes.barh(y, [100 * r.after for r in shown], 0.26, color=_AFTER, label="energy after")
+    axes.barh(y + 0.27, [100 * r.energy for r in shown], 0.26, color=_BEFORE, label="before")
+    axes.barh(y, [100 * r.after for r in shown], 0.26, color=_AFTER, label="after")
     axes.barh(y - 0.27, [100 * r.time for r in shown], 0.26, color="#c8c8c8", label="time")
     axes.set_yticks(y, [r.name for r in shown])
-    axes.set_xlabel("share, %")
+    axes.set_xlabel("share of the error's energy, and of the time, %")
     legend_above(axes)
 
 
