@@ -12,6 +12,8 @@ from ivtools.study.table import Block
 from ivtools.study.work import Bench
 
 BLOCK_S = 2.0  # s of work in a block, once the pace is known
+SHORTEST_S = 0.1  # s, so that handing out stays cheap
+SHARE = 0.125  # of what is left that one block may take: workers then end together
 LARGEST_BLOCK = 500
 
 
@@ -57,14 +59,21 @@ class Pace:
             self.progress(Progress(self.done, self.total, elapsed, left))
 
     def blocks(self, plan: Iterable[Task]) -> Iterator[Task]:
-        """Cut ranges into blocks of about `BLOCK_S`, as long as the pace says when it is asked."""
+        """Cut ranges into blocks, as long as the pace says when the next one is asked for."""
+        given = 0
         for block, sent in plan:
             first = block.first
             while first < block.last:
-                size = max(1, int(BLOCK_S / self.per_seed)) if self.per_seed else 1
-                last = min(first + min(size, LARGEST_BLOCK), block.last)
+                last = min(first + self._size(self.total - given), block.last)
                 yield Task(Block(block.case, block.estimators, first, last), sent)
-                first = last
+                given, first = given + last - first, last
+
+    def _size(self, rest: int) -> int:
+        """Return the repetitions of a block: about `BLOCK_S`, less when little is left to share."""
+        if not self.per_seed:
+            return 1
+        seconds = max(min(BLOCK_S, SHARE * rest * self.per_seed), SHORTEST_S)
+        return min(max(1, int(seconds / self.per_seed)), LARGEST_BLOCK)
 
 
 def gaps(wanted: Block, done: Iterable[Block]) -> Iterator[tuple[dict[str, str], int, int]]:
