@@ -213,3 +213,22 @@ def test_noise_of_the_loop_is_that_of_the_simulation():
         acov = [np.mean(q[: len(q) - k] * q[k:]) for k in range(15)]
         expected = position_autocovariance(loop, theta, 1e-3, position, force)
         np.testing.assert_allclose(acov, expected[:15], atol=0.08 * acov[0])
+
+
+def test_the_noise_is_modelled_from_near_starts_too(twin):
+    """A start some per cent away is settled after one step, when no noise was looked at yet."""
+    loop = iv.axes.emps()
+    theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+    rng = np.random.default_rng(1)
+    size = twin.n_samples
+    noise = {
+        "position_noise": rng.normal(0.0, 1e-6, size),
+        "force_noise": rng.normal(0.0, 5.0, size),
+    }
+    record = loop.simulate(twin, theta, initial="rest", **noise).to_record(q_ref=twin.q_ref)
+    masked = replace(loop.pipeline(record), force_shift=0.5, min_speed=0.005, guard=10)
+    masked = iv.Problem(record, loop, masked)
+    near = IDIMPIV(start={"inertia": 100.0}).fit(masked)
+    far = IDIMPIV(start={"inertia": 50.0, "viscous": 50.0, "coulomb": 5.0}).fit(masked)
+    assert "noise" in near.extras
+    np.testing.assert_allclose(near.params, far.params, rtol=1e-4)

@@ -92,6 +92,10 @@ class IDIMPIV(IDIMBCIV):
             max_order=self.max_order,
         )
 
+    def _settled(self, last: Step | None, step: Step) -> bool:
+        """Whether the iteration has stopped to move; not before the noise was looked at."""
+        return last is not None and last.change <= _STEADY and super()._settled(last, step)
+
     def notes(self, problem: Problem, step: Step) -> tuple[str, ...]:
         """Say what the noise is, and whether it is white behind the filter."""
         if not isinstance(step.weights, NoiseModel):
