@@ -204,9 +204,7 @@ def test_killed_at_random_times(tmp_path):
 
 @pytest.mark.slow
 def test_killed_at_random_times_many_rounds(tmp_path):
-    start = time.perf_counter()
     rounds(tmp_path, seeds=3000, jobs=2, most=60, longest=4.0)
-    assert time.perf_counter() - start < 600
 
 
 def test_rows_in_memory_stay_flat(tmp_path):
