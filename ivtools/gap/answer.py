@@ -16,7 +16,8 @@ from .fit import Fit, gauss_newton, steps
 from .floor import Floor
 from .parity import Parity
 from .quantify import Shrink, quantify
-from .trial import Rules, Side
+from .side import Side
+from .trial import Rules
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,8 @@ from ..physics import Term
 from .candidates import library
 from .fit import Fit, gauss_newton, steps
 from .screen import screen
-from .trial import Rules, Side, Trial, attempt, frozen
+from .side import Side
+from .trial import Rules, Trial, attempt, frozen
 
 Array = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ def _round(
     """Screen everything, and try the best."""
     terms = library(fits[0].loop, extra, without)
     with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(lambda f, s: screen(f, s.response, terms, s.scales), fits, sides))
+        found = list(pool.map(lambda s, f: screen(s, f, terms), sides, fits))
     names = [n for n in found[0] if n in found[1]]
     mean = {n: float(np.mean([f[n].share for f in found])) for n in names}
     order = sorted(names, key=lambda n: -mean[n])

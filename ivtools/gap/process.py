@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from ..errors import EstimationError, IVToolsError
 from ..loop import ClosedLoop
@@ -21,7 +22,8 @@ from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
 from .fold import Fold, usable
 from .parity import Parity
-from .trial import Rules, Side
+from .side import Side
+from .trial import Rules
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -75,8 +77,25 @@ def diagnose(
     >>> gap.effects
     ('asymmetric-viscous',)
     """
-    say = progress or (lambda text: None)
-    rules = rules or Rules()
+    with threadpool_limits(1, "blas"):  # many small products: threads of their own only wait
+        return _diagnose(
+            record, loop, holdout, rules or Rules(), tuple(extra), tuple(without), progress or _mute
+        )
+
+
+def _mute(text: str) -> None:
+    """Show no progress."""
+
+
+def _diagnose(
+    record: Record,
+    loop: ClosedLoop,
+    holdout: Record | None,
+    rules: Rules,
+    extra: tuple[Term, ...],
+    without: tuple[str, ...],
+    say: Progress,
+) -> Diagnosis:
     records = (record,) if holdout is None else (record, holdout)
     for one in records:
         findings.require(one)
@@ -94,7 +113,7 @@ def diagnose(
     if any(p.clipped > findings.SATURATED for p in checked):
         rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
     say("screening and fitting the effects")
-    sides, result = _attributed(measured, rules, tuple(extra), tuple(without))
+    sides, result = _attributed(measured, rules, extra, without)
     say("where and how far")
     return answer(record.name, loop, measured, result, sides, rules, found, holdout is not None)
 

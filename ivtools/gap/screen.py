@@ -2,7 +2,8 @@
 
 One column per parameter and starting shape, none of them fitted: a score test. Force laws need no
 simulation of their own, only their force along the trajectory and the loop's linear response;
-effects that change the structure are simulated once per starting point.
+effects that change the structure are simulated once per starting point and record, for what they
+change hardly depends on the other effects in the model.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from ..loop import Simulation
 from ..physics import Term
 from . import periods
 from .candidates import PERIODIC, Scales, scans
-from .fit import Fit
+from .fit import Fit, normal
 from .fold import Fold
-from .response import Response
+from .side import Side
 
 Array = NDArray[np.float64]
 
@@ -56,39 +57,36 @@ class _Direction:
     columns: Array  # (n_samples, m) before whitening
 
 
-def screen(fit: Fit, response: Response, terms: list[Term], scales: Scales) -> dict[str, Score]:
+def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
     """Score every effect against the residual of a fit.
 
     Parameters
     ----------
+    side : Side
+        The fold that is judged.
     fit : Fit
-        The model without these effects.
-    response : Response
-        Of the command to a force.
+        The model without these effects, on that fold.
     terms : list of Term
         What is tried.
-    scales : Scales
 
     Returns
     -------
     dict
         Effect to `Score`.
     """
-    simulation = fit.fold.simulate(fit.loop, fit.values)
+    fold, now = fit.fold, fit.fold.simulate(fit.loop, fit.values)
     basis = _orthonormal(fit.J)
     e = fit.e - basis @ (basis.T @ fit.e)
-    lines = periods.search(fit.fold, response, e, simulation)
-    tasks = [(term, shape) for term in terms for shape in _shapes(term, scales, lines)]
-
-    def direction(task: tuple[Term, dict[str, float]]) -> _Direction:
-        return _direction(fit, response, scales, simulation, *task)
-
-    directions = [d for d in map(direction, tasks) if d.columns.size]
+    lines = periods.search(fold, side.response, e, now)
     best: dict[str, Score] = {}
-    for d, white in zip(directions, _whitened(fit.fold, directions), strict=True):
-        score = _score(d, white, basis, e, fit.fold)
-        if d.term.name not in best or score.share > best[d.term.name].share:
-            best[d.term.name] = score
+    for term in terms:
+        for shape in _shapes(term, side.scales, lines):
+            d = _direction(side, fit, now, term, shape)
+            if d is None:
+                continue
+            score = _score(d, fold.white(d.columns), basis, e, fold)
+            if term.name not in best or score.share > best[term.name].share:
+                best[term.name] = score
     return best
 
 
@@ -108,28 +106,24 @@ def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[d
 
 
 def _direction(
-    fit: Fit,
-    response: Response,
-    scales: Scales,
-    simulation: Simulation,
-    term: Term,
-    shape: dict[str, float],
-) -> _Direction:
-    """Return the change of the error that the effect makes, (n_samples, m)."""
-    if term.law is not None and any(p.linear for p in term.parameters):
+    side: Side, fit: Fit, now: Simulation, term: Term, shape: dict[str, float]
+) -> _Direction | None:
+    """Return the change of the error that the effect makes; None if the loop diverges with it."""
+    if term.law is not None:
         linear = [i for i, p in enumerate(term.parameters) if p.linear]
         names = tuple(term.parameters[i].name for i in linear)
-        forces = np.column_stack([_law(term, i, shape, simulation) for i in linear])
-        return _Direction(term, shape, names, -response(forces))
+        forces = np.column_stack([_law(term, i, shape, now) for i in linear or [-1]])
+        return _Direction(term, shape, names, -side.response(forces))
     if term.name == "encoder-eccentricity":
-        return _Direction(
-            term, shape, ("cosine", "sine"), -response(_eccentric(fit, simulation, shape))
-        )
-    loop = fit.loop.with_effect(term, **shape)
-    e = fit.fold.force_error(loop, {**loop.values(fit.values)})
-    if not np.isfinite(e[-1]):
-        return _Direction(term, shape, (), np.empty((len(e), 0)))
-    return _Direction(term, shape, (), (e - fit.fold.force_error(fit.loop, fit.values))[:, None])
+        waves = _eccentric(fit, now, shape)
+        return _Direction(term, shape, ("cosine", "sine"), -side.response(waves))
+    key = (term.name, *shape.items())
+    if key not in side.simulated:
+        loop = fit.loop.with_effect(term, **shape)
+        then = fit.fold.simulate(loop, loop.values(fit.values))
+        side.simulated[key] = fit.fold.gap(loop, then) - fit.fold.gap(fit.loop, now)
+    change = side.simulated[key]
+    return _Direction(term, shape, (), change[:, None]) if np.isfinite(change[-1]) else None
 
 
 def _law(term: Term, index: int, shape: dict[str, float], simulation: Simulation) -> Array:
@@ -149,10 +143,6 @@ def _eccentric(fit: Fit, simulation: Simulation, shape: dict[str, float]) -> Arr
     return -fit.values["inertia"] * np.gradient(np.gradient(waves, dt, axis=0), dt, axis=0)
 
 
-def _whitened(fold: Fold, directions: list[_Direction]) -> list[Array]:
-    return [fold.white(d.columns) for d in directions]
-
-
 def _orthonormal(J: Array) -> Array:
     scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     return np.linalg.qr(J / scale)[0]
@@ -162,7 +152,7 @@ def _score(d: _Direction, white: Array, basis: Array, e: Array, fold: Fold) -> S
     """Regress the residual on the columns that the base model does not already have."""
     C = white - basis @ (basis.T @ white)
     scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
-    beta = np.linalg.lstsq(C / scale, e, rcond=1e-6)[0] / scale
+    beta = normal(C / scale, e, 1e-6) / scale
     explained = C @ beta
     share = float(explained @ e / (e @ e))
     amplitudes = {n: -float(b) for n, b in zip(d.names, beta, strict=False)}

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics import Term
-from .candidates import PERIODIC, Scales, scans
+from .candidates import PERIODIC, scans
 from .fit import Fit, gauss_newton, steps
-from .fold import Fold
-from .response import Response
 from .screen import Score
+from .side import Side
 
 Array = NDArray[np.float64]
 
@@ -49,15 +48,6 @@ class Rules:
     refit: int = 4
     most: int = 4
     further: float = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class Side:
-    """One fold with what the attribution needs of it."""
-
-    fold: Fold
-    response: Response
-    scales: Scales
 
 
 @dataclass(frozen=True, eq=False)
