@@ -17,11 +17,10 @@ from .floor import Floor
 from .parity import Parity
 from .quantify import Shrink, quantify
 from .side import Side
-from .trial import Rules
+from .trial import ADEQUATE, Rules
 
 Array = NDArray[np.float64]
 
-_ADEQUATE = 1.12  # whitened energy over the floor below which nothing is missing
 _CLOSED = 0.8  # share of the reducible energy beyond which the gap is explained
 _MOVED = 1.5  # frozen over re-tuned energy that speaks of a changed setting
 _STEADY = 1.3  # most that smooth laws of the state leave where a gap is repeatable
@@ -198,11 +197,11 @@ def _verdict(
     events = any(local(m.floor) for m in measured)
     after = float(np.mean([h.cost for h in result.held]))
     if effects:
-        near = after <= _ADEQUATE + 0.03 or closed >= _CLOSED
+        near = after <= ADEQUATE + 0.03 or closed >= _CLOSED
         return "explained" if near else "partial"
     if events:
         return "non-repeatable"
-    if after <= _ADEQUATE:
+    if after <= ADEQUATE:
         return "adequate"
     return "non-repeatable" if _changed(result) else "unexplained"
 

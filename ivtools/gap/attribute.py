@@ -17,9 +17,9 @@ from ..loop import ClosedLoop
 from ..physics import Term
 from .candidates import library
 from .fit import Fit, gauss_newton, steps
-from .screen import screen
+from .screen import Score, screen
 from .side import Side
-from .trial import Rules, Trial, attempt, frozen
+from .trial import ADEQUATE, DENSE, Rules, Trial, attempt, frozen
 
 Array = NDArray[np.float64]
 
@@ -82,9 +82,9 @@ def attribute(
     first: tuple[Trial, ...] = ()
     scores: dict[str, float] = {}
     while len(named) < rules.most:
-        tried, round_scores = _round(sides, fits, held, rules, extra, without)
-        first, scores = (first, scores) if named else (tuple(tried), round_scores)
-        good = [t for t in tried if t.passes(rules) and (not named or _worth(t, base, rules))]
+        found = _screened(sides, fits, library(fits[0].loop, extra, without))
+        tried, good = _tried(sides, base, fits, held, found, rules)
+        first, scores = (first, scores) if named else (tuple(tried), _shares(found))
         if not good:
             break
         best = max(good, key=lambda t: t.share)
@@ -100,32 +100,45 @@ def attribute(
     return Attribution(base, fits, held, tuple(kept), taken, first, scores, _pvalues(first))
 
 
-def _worth(trial: Trial, base: tuple[Fit, ...], rules: Rules) -> bool:
-    """Whether a further effect removes a material part of the whole gap."""
-    gain = np.mean([b.cost - h.cost for b, h in zip(trial.before, trial.held, strict=True)])
-    gap = np.mean([max(b.cost - 1.0, 0.0) for b in base])
-    return bool(gain > rules.further * gap)
-
-
-def _round(
-    sides: tuple[Side, ...],
-    fits: tuple[Fit, ...],
-    held: tuple[Fit, ...],
-    rules: Rules,
-    extra: tuple[Term, ...],
-    without: tuple[str, ...],
-) -> tuple[list[Trial], dict[str, float]]:
-    """Screen everything, and try the best."""
-    terms = library(fits[0].loop, extra, without)
+def _screened(
+    sides: tuple[Side, ...], fits: tuple[Fit, ...], terms: list[Term]
+) -> tuple[dict[str, Score], ...]:
+    """Return the score of every effect on either side."""
     with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(lambda s, f: screen(s, f, terms), sides, fits))
+        return tuple(pool.map(lambda s, f: screen(s, f, terms), sides, fits))
+
+
+def _shares(found: tuple[dict[str, Score], ...]) -> dict[str, float]:
+    """Return the share of each effect in the screening, mean of the sides, largest first."""
     names = [n for n in found[0] if n in found[1]]
     mean = {n: float(np.mean([f[n].share for f in found])) for n in names}
-    order = sorted(names, key=lambda n: -mean[n])
-    chosen = [n for n in order[: rules.refit] if mean[n] > 0.4 * rules.share]
-    with ThreadPoolExecutor(2) as pool:
-        tasks = [[f[n] for f in found] for n in chosen]
-        return list(pool.map(lambda scores: attempt(sides, fits, held, scores), tasks)), mean
+    return dict(sorted(mean.items(), key=lambda item: -item[1]))
+
+
+def _tried(
+    sides: tuple[Side, ...],
+    base: tuple[Fit, ...],
+    fits: tuple[Fit, ...],
+    held: tuple[Fit, ...],
+    found: tuple[dict[str, Score], ...],
+    rules: Rules,
+) -> tuple[list[Trial], list[Trial]]:
+    """Fit the best of the screening; return all trials, and those that earn a name.
+
+    The screening, of first order, does not see the narrow valley of a `DENSE` effect: those are
+    searched as well where a gap is left and nothing else explains it.
+    """
+    shares = _shares(found)
+    chosen = [n for n in list(shares)[: rules.refit] if shares[n] > 0.4 * rules.share]
+    tried: list[Trial] = []
+    for names in (chosen, [n for n in DENSE if n in shares and n not in chosen]):
+        with ThreadPoolExecutor(2) as pool:
+            tasks = [[f[n] for f in found] for n in names]
+            tried += pool.map(lambda scores: attempt(sides, fits, held, scores), tasks)
+        good = [t for t in tried if t.passes(rules) and t.worth(base, rules)]
+        if good or np.mean([h.cost for h in held]) < ADEQUATE:
+            break
+    return tried, good
 
 
 def _backward(

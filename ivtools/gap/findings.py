@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import checks
 from ..errors import RecordError
 from ..loop import ClosedLoop
 from ..record import Record
+from . import hints
+from .fit import Fit
 from .fold import usable
 from .parity import Parity
 
 Array = NDArray[np.float64]
 
 _LEAST_TIME = 3.0  # s of usable motion
+_FOLLOWS = (0.2, 5.0)  # travel of the position per travel of its reference
+_ONE_WAY = 0.02  # share of the time that a direction takes at least
 _GROSS = 0.15  # a larger error of a gain is a wrong axis file, not an effect
+_OVER, _FEW = 1.05, 8  # command over its declared limit, in so many samples: it is not the limit
 _BEYOND = 2.0  # command over its declared limit from which a unit must be wrong
+_INERTIA = (0.05, 20.0)  # of the record per that of the axis file
+_SAME_AXIS = 1.3  # inertias of two records of one axis differ by less
+_WORSE = 3.0  # a record simulated with the inertia of another axis is that much worse
 SATURATED = 0.2  # share of samples at the limit beyond which nothing can be said
 
 
@@ -40,16 +50,25 @@ class Finding:
 def inspect(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     """Return what is wrong with a record, or with the axis file that goes with it.
 
+    The first cause that spoils everything behind it ends the search: a position in millimetres
+    makes the inertia wrong too, and saying so would only mislead.
+    """
+    found: list[Finding] = []
+    for look in (_reference, _at_limit, _law, _length, _direction, _mechanics):
+        found += look(record, loop, parity)
+        if any(f.fatal for f in found):
+            break
+    return found
+
+
+def require(record: Record) -> None:
+    """Refuse a record that the closed loop cannot be compared with.
+
     Raises
     ------
     RecordError
         If the record has no reference, or more than one joint.
     """
-    return [*_motion(record, loop), *_controller(record, loop, parity), *_mechanics(record, loop)]
-
-
-def require(record: Record) -> None:
-    """Refuse a record that the closed loop cannot be compared with."""
     if record.n_joints != 1:
         raise RecordError(
             f"{record.name} has {record.n_joints} joints; a diagnosis takes one at a time"
@@ -58,50 +77,119 @@ def require(record: Record) -> None:
         raise RecordError(f"{record.name} has no q_ref; the simulated loop is driven by it")
 
 
-def _motion(record: Record, loop: ClosedLoop) -> list[Finding]:
+def identified(record: Record, loop: ClosedLoop) -> list[Finding]:
+    """Say which control law is taken, if the axis file leaves it to the record.
+
+    Raises
+    ------
+    RecordError
+        If no law can be fitted to the record.
+    """
+    if loop.controller.kind != "identify":
+        return []
+    law = loop.known(record).notes[-1]
+    text = f"{law}; the record that a law was fitted to cannot say whether it is the right one"
+    return [Finding(text, fatal=False)]
+
+
+def named(found: Sequence[Finding], record: Record) -> list[Finding]:
+    """Return findings that say of which record they speak."""
+    return [replace(f, text=f"{record.name}: {f.text}") for f in found]
+
+
+def pair(record: Record, holdout: Record) -> list[Finding]:
+    """Return what is wrong with a record and its hold-out together."""
+    share = _shared(record, holdout)
+    if share > 0.95:
+        text = f"the hold-out {holdout.name} holds the same samples as {record.name}"
+        return [Finding(f"{text}; give another record of the axis, or none")]
+    if share > 0.1:
+        text = f"the hold-out {holdout.name} shares {100 * share:.0f} % of its samples with "
+        return [Finding(f"{text}{record.name}; give a record that was not fitted to")]
+    return []
+
+
+def same_axis(bases: Sequence[Fit]) -> list[Finding]:
+    """Return what two records say against being of one axis.
+
+    Their inertias differ, and neither record can be simulated with the other's.
+    """
+    inertias = [fit.values.get("inertia", 1.0) for fit in bases]
+    if max(inertias) < _SAME_AXIS * min(inertias):
+        return []
+    for fit, other in zip(bases, inertias[::-1], strict=True):
+        error = fit.fold.error(fit.loop, {**fit.values, "inertia": other})
+        if float(np.mean(error**2)) < _WORSE * fit.cost:
+            return []
+    unit = "kg" if bases[0].loop.joint == "prismatic" else "kg m2"
+    names = [fit.fold.record.name for fit in bases]
+    shown = " and ".join(f"{n} {m:.4g} {unit}" for n, m in zip(names, inertias, strict=True))
+    return [
+        Finding(
+            f"the records show different inertias ({shown}): another axis, payload or unit; hold "
+            "out a record of the same axis and load"
+        )
+    ]
+
+
+def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     assert record.q_ref is not None
-    kept = float(usable(record, loop).sum()) * record.dt
-    moving = float(np.ptp(record.q_ref)) > 1e-9 * max(float(np.max(np.abs(record.q))), 1e-12)
-    if not moving or kept < 0.2:
+    asked, done = (float(np.ptp(x)) for x in (record.q_ref, record.q))
+    if asked <= 1e-9 * max(float(np.max(np.abs(record.q))), 1e-12):
         return [
             Finding(
                 "the reference does not move: a record at standstill says nothing about "
                 "the model; record a motion over the stroke, in both directions"
             )
         ]
-    if kept < _LEAST_TIME:
-        return [
-            Finding(
-                f"only {kept:.1f} s of the record show motion that can be compared; give "
-                f"at least {_LEAST_TIME:g} s, better 20 s, with several reversals"
-            )
-        ]
+    if float(np.corrcoef(record.q[:, 0], record.q_ref[:, 0])[0, 1]) < -0.5:
+        return [Finding("q moves against its reference; check the signs of q and q_ref")]
+    unit = "m" if loop.joint == "prismatic" else "rad"
+    if _FOLLOWS[0] < done / asked < _FOLLOWS[1]:
+        return []
+    remedy = hints.scale(asked / done, loop.joint, "q") or "was the axis blocked or not enabled?"
+    return [
+        Finding(f"q moves {done:.3g} {unit} where its reference moves {asked:.3g} {unit}; {remedy}")
+    ]
+
+
+def _length(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
+    kept = float(usable(record, loop).sum()) * record.dt
+    if kept >= _LEAST_TIME:
+        return []
+    whole = record.n_samples * record.dt
+    return [
+        Finding(
+            f"only {kept:.1f} s of the record's {whole:.1f} s show motion that can be compared; "
+            f"give at least {_LEAST_TIME:g} s, better 20 s, with several reversals"
+        )
+    ]
+
+
+def _direction(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
+    assert record.q_ref is not None
     dq = np.gradient(record.q_ref[:, 0])
-    if min(np.mean(dq > 0), np.mean(dq < 0)) < 0.02:
-        return [
-            Finding(
-                "the reference moves in one direction only: friction and offset cannot be "
-                "told apart; add the way back",
-                fatal=False,
-            )
-        ]
-    return []
-
-
-def _controller(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
-    return _at_limit(record, loop, parity) or _law(record, loop, parity)
+    if min(np.mean(dq > 0), np.mean(dq < 0)) >= _ONE_WAY:
+        return []
+    both = "offset" in loop.names or "viscous_pos" in loop.names
+    return [
+        Finding(
+            "the reference moves in one direction only: Coulomb friction and offset cannot be "
+            "told apart; add the way back",
+            fatal=both,
+        )
+    ]
 
 
 def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     own = loop.command(record) - (record.added if record.added is not None else 0.0)
     top, limit = float(np.max(np.abs(own))), loop.controller.limit
-    if top > _BEYOND * limit:
-        return [
-            Finding(
-                f"the recorded command reaches {top:.4g} and the axis file says that it is limited "
-                f"to {limit:g}; check the unit of nu, and [controller] limit"
-            )
-        ]
+    if np.sum(np.abs(own) > _OVER * limit) >= _FEW:
+        text = f"the recorded command reaches {top:.4g}, the axis file says that it is limited to "
+        remedy = "check the unit of nu, and [controller] limit"
+        if top <= _BEYOND * limit:
+            remedy = "correct [controller] limit"
+        return [Finding(f"{text}{limit:g}; {remedy}")]
     if parity.clipped <= SATURATED:
         return []
     share = f"in {100 * parity.clipped:.0f} % of the samples"
@@ -117,63 +205,40 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     if parity.trustworthy and not gross:
         return []
     if gross and parity.trustworthy:
-        text = ", ".join(f"{n} {100 * v:+.0f} %" for n, v in gross.items())
+        settings = loop.controller.settings
+        text = ", ".join(
+            f"{n} {100 * v:+.0f} %"
+            + (f": {(1 + v) * settings[n]:.4g}, not {settings[n]:.4g}" if n in settings else "")
+            for n, v in gross.items()
+        )
         return [
             Finding(
                 f"the record shows other controller settings than the axis file ({text}); "
                 "correct [controller] and diagnose again"
             )
         ]
-    factor = _factor(record, loop, parity)
-    if factor < 0.0:
-        text = "the recorded command has the opposite sign of what the controller gives"
-        return [Finding(f"{text}; check the sign of nu, or of q and q_ref")]
-    if not 0.2 < factor < 5.0:
-        return [
-            Finding(
-                f"the recorded command is {factor:.3g} times what the controller gives for the "
-                "recorded position; check the units of q, q_ref and nu, and the gains in "
-                "[controller]"
-            )
-        ]
-    return [
-        Finding(
-            f"the control law reproduces the recorded command only to {100 * parity.after:.0f} %; "
-            "check kind, gains and velocity_filter in [controller], and that q, q_ref and nu "
-            "belong together"
-        )
-    ]
+    doubts = checks.doubts(record)
+    if doubts:
+        return [Finding("; ".join(doubts))]
+    return [Finding(hints.command(record, loop, parity.delay, parity.after))]
 
 
-def _factor(record: Record, loop: ClosedLoop, parity: Parity) -> float:
-    """Return the recorded command per command of the declared law."""
-    assert record.q_ref is not None
-    dq_ref = (
-        record.dq_ref if record.dq_ref is not None else np.gradient(record.q_ref, record.dt, axis=0)
-    )
-    law = loop.controller.law(record.dt)(record.q_ref[:, 0], dq_ref[:, 0], record.q[:, 0])
-    nu = loop.command(record)[:, 0]
-    nu = nu - record.added[:, 0] if record.added is not None else nu
-    delay = parity.delay
-    law, nu = law[: len(law) - delay], nu[delay:]
-    return float(nu @ law / max(float(law @ law), 1e-300))
-
-
-def _mechanics(record: Record, loop: ClosedLoop) -> list[Finding]:
+def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     """Look at the sign and size of the inertia that the record itself suggests."""
     inertia = rough_inertia(record, loop)
+    unit = "kg" if loop.joint == "prismatic" else "kg m2"
     if inertia <= 0.0:
         return [
             Finding(
-                f"the record suggests an inertia of {inertia:.3g}: the force does not "
+                f"the record suggests an inertia of {inertia:.3g} {unit}: the force does not "
                 "accelerate the axis; check the sign of the command and of [drive] gain"
             )
         ]
     start = loop.start.get("inertia")
-    if start and not 0.05 < inertia / start < 20.0:
+    if start and not _INERTIA[0] < inertia / start < _INERTIA[1]:
         return [
             Finding(
-                f"the record suggests an inertia of {inertia:.3g}, the axis file starts "
+                f"the record suggests an inertia of {inertia:.3g} {unit}, the axis file starts "
                 f"from {start:g}; check units and [drive] gain"
             )
         ]
@@ -193,3 +258,23 @@ def rough_inertia(record: Record, loop: ClosedLoop) -> float:
     X = np.column_stack([ddq, dq, np.sign(dq), np.ones(len(q))])[inner]
     scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     return float((np.linalg.lstsq(X / scale, tau[inner], rcond=None)[0] / scale)[0])
+
+
+def _shared(record: Record, holdout: Record, windows: int = 40, width: int = 50) -> float:
+    """Return the share of a record's stretches that another one holds, sample for sample."""
+    one, two = (_columns(r) for r in (record, holdout))
+    starts = np.linspace(0, len(two) - width, windows).astype(int)
+    return float(np.mean([_holds(one, two[s : s + width]) for s in starts]))
+
+
+def _columns(record: Record) -> Array:
+    """Return position and command, (n_samples, 2)."""
+    force = record.nu if record.nu is not None else record.tau
+    assert force is not None  # a record has one of them
+    return np.column_stack([record.q[:, 0], force[:, 0]])
+
+
+def _holds(x: Array, part: Array) -> bool:
+    width = len(part)
+    at = np.flatnonzero((x[: len(x) - width + 1] == part[0]).all(axis=1))
+    return any(np.array_equal(x[i : i + width], part) for i in at)

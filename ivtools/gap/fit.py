@@ -175,7 +175,7 @@ def normal(A: Array, b: Array, rcond: float) -> Array:
     scaled to unit length and an `rcond` of 1e-6 or more, squaring the condition number costs
     nothing that would matter, and saves nine tenths of the time.
     """
-    return np.linalg.lstsq(A.T @ A, A.T @ b, rcond=rcond**2)[0]
+    return np.asarray(np.linalg.lstsq(A.T @ A, A.T @ b, rcond=rcond**2)[0], dtype=float)
 
 
 def _search(

@@ -100,8 +100,13 @@ def _diagnose(
     for one in records:
         findings.require(one)
     say("controller parity")
+    found = findings.identified(record, loop)
+    loop = loop.known(record)
     checked = tuple(parity.check(one, loop) for one in records)
-    found = [f for r, p in zip(records, checked, strict=True) for f in findings.inspect(r, loop, p)]
+    for one, shown in zip(records, checked, strict=True):
+        seen = findings.inspect(one, loop, shown)
+        found += seen if holdout is None else findings.named(seen, one)
+    found += [] if holdout is None else findings.pair(record, holdout)
     if any(f.fatal for f in found):
         return _refused(record, loop, checked, found)
     say("base model and floor")
@@ -110,6 +115,10 @@ def _diagnose(
             measured = tuple(pool.map(_measure, records, checked))
     except IVToolsError as error:
         return _refused(record, loop, checked, [*found, findings.Finding(str(error))])
+    if holdout is not None:
+        found += findings.same_axis([m.base for m in measured])
+    if any(f.fatal for f in found):
+        return _refused(record, loop, checked, found)
     if any(p.clipped > findings.SATURATED for p in checked):
         rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
     say("screening and fitting the effects")

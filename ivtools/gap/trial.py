@@ -17,6 +17,10 @@ from .side import Side
 
 Array = NDArray[np.float64]
 
+#: Whitened energy over the floor below which nothing is missing.
+ADEQUATE = 1.12
+#: Effects with many local minima, which take a dense scan.
+DENSE = ("flexibility", "backlash")
 #: Nuisance parameters that stay at their usual value.
 FIXED = ("backlash.contact_hz", "backlash.damping", "presliding.damping")
 
@@ -39,6 +43,10 @@ class Rules:
         Effects of the screening that are fitted.
     most : int
         Most effects in a combination.
+    further : float
+        Least share of the whole gap that a further effect removes, or
+    rest : float
+        of what the effects before it have left.
     """
 
     share: float = 0.035
@@ -48,6 +56,7 @@ class Rules:
     refit: int = 4
     most: int = 4
     further: float = 0.05
+    rest: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,13 +118,22 @@ class Trial:
             and np.max(self.amplitudes[:, 0]) <= rules.amplitude[1]
         )
 
+    def worth(self, base: tuple[Fit, ...], rules: Rules) -> bool:
+        """Whether it removes a material part of the whole gap, or most of what is left of it.
+
+        The second lets a small effect be named beside a large one where the two are all there is;
+        before a strong background it takes the first.
+        """
+        gain = np.mean([b.cost - h.cost for b, h in zip(self.before, self.held, strict=True)])
+        whole, left = (np.mean([max(f.cost - 1.0, 0.0) for f in fs]) for fs in (base, self.before))
+        return bool(gain > min(rules.further * whole, rules.rest * left))
+
 
 def attempt(
     sides: tuple[Side, ...], fits: tuple[Fit, ...], before: tuple[Fit, ...], scores: list[Score]
 ) -> Trial:
     """Fit an effect on each fold, and judge it on the other."""
     new = tuple(_extended(s, f, score) for s, f, score in zip(sides, fits, scores, strict=True))
-    """Fit an effect on each fold and judge it on the other."""
     return Trial(scores[0].term, new, frozen(sides, new), fits, before)
 
 
@@ -159,7 +177,7 @@ def _free(fit: Fit, term: Term, values: Mapping[str, float]) -> list[str]:
 
 def _starts(side: Side, fit: Fit, score: Score) -> list[dict[str, float]]:
     """Return starting values; the multimodal effects get a dense scan."""
-    if score.term.name == "backlash":
+    if score.term.name in DENSE:
         return [_densest(side, fit, score.term, list(scans(score.term, side.scales)))]
     if score.term.name == "drive-timing":
         dt = side.fold.record.dt
@@ -170,31 +188,25 @@ def _starts(side: Side, fit: Fit, score: Score) -> list[dict[str, float]]:
 def _densest(side: Side, fit: Fit, term: Term, points: list[dict[str, float]]) -> dict[str, float]:
     """Return the point of a scan with the least error after a linear step of the base.
 
-    Every third gap first, then the gaps beside the best one: the valley is narrow in the gap, and
-    wide in the masses.
+    Every third value of the first parameter first, then those beside the best one: the valley is
+    narrow in a gap or a frequency, and wide in the masses.
     """
     Q = np.linalg.qr(fit.J / np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300))[0]
     loop = fit.loop.with_effect(term, **points[0])
-    gaps = sorted({p["gap"] for p in points})
-    cost: dict[int, float] = {}
+    narrow = next(iter(points[0]))
+    places = sorted({p[narrow] for p in points})
 
-    def judge(index: int) -> None:
-        named = {f"{term.name}.{k}": v for k, v in points[index].items()}
+    def cost(point: dict[str, float]) -> float:
+        named = {f"{term.name}.{k}": v for k, v in point.items()}
         e = side.fold.error(loop, {**loop.values(fit.values), **named})
-        cost[index] = float(e @ e - np.sum((Q.T @ e) ** 2))
+        return float(e @ e - np.sum((Q.T @ e) ** 2))
 
-    for i, point in enumerate(points):
-        if gaps.index(point["gap"]) % 3 == 1:
-            judge(i)
-    best = points[min(cost, key=lambda i: cost[i])]
-    near = gaps.index(best["gap"])
-    for i, point in enumerate(points):
-        if (
-            point["load_share"] == best["load_share"]
-            and 0 < abs(gaps.index(point["gap"]) - near) < 3
-        ):
-            judge(i)
-    return points[min(cost, key=lambda i: cost[i])]
+    coarse = [(cost(p), p) for p in points if places.index(p[narrow]) % 3 == 1]
+    best = min(coarse, key=lambda found: found[0])
+    wide = {k: v for k, v in best[1].items() if k != narrow}
+    at = places.index(best[1][narrow])
+    near = [{narrow: x, **wide} for x in places[max(at - 2, 0) : at + 3] if x != best[1][narrow]]
+    return min([best, *((cost(p), p) for p in near)], key=lambda found: found[0])[1]
 
 
 def _amplitude(before: Fit, held: Fit) -> tuple[float, float]:
