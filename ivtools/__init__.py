@@ -34,9 +34,28 @@ __version__ = "0.1.0"
 
 _MODULES = ("axes", "datasets", "errors", "estimators", "plots")
 _ESTIMATORS = [  # fmt: skip
-    "IDIMLS", "IDIMWLS", "IDIMIV", "IDIMBCIV", "IDIMPIV", "DIDIM", "CLIE", "CLOE", "OLOE",
-    "DDMLS", "DDMIV", "ML", "SetMembership", "LMILS", "LMIIV", "NSGA2", "SRIVC", "RIVC",
-    "CLSRIVC", "StateDependentFriction",
+    "IDIMLS",
+    "IDIMWLS",
+    "IDIMIV",
+    "IDIMBCIV",
+    "IDIMPIV",
+    "DIDIM",
+    "CLIE",
+    "CLOE",
+    "OLOE",
+    "DDMLS",
+    "DDMIV",
+    "ML",
+    "SetMembership",
+    "LMILS",
+    "LMIIV",
+    "NSGA2",
+    "SRIVC",
+    "RIVC",
+    "CLSRIVC",
+    "SRIV",
+    "RIVBJ",
+    "StateDependentFriction",
 ]
 _NAMES = {
     "Record": "record",

@@ -1,6 +1,7 @@
 """Transfer functions: filters, recovery, closed loop, structures, the report's cases."""
 
 import warnings
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -9,10 +10,19 @@ from scipy.signal import lfilter
 
 from ivtools import axes
 from ivtools.errors import ConvergenceWarning, EstimationError, RecordError
-from ivtools.estimators.continuous import close_loop, derivatives, reflect, respond
+from ivtools.estimators.box_jenkins import RIVBJ, RIVC, SRIV
+from ivtools.estimators.closed_loop_srivc import CLSRIVC
+from ivtools.estimators.continuous import (
+    close_loop,
+    derivatives,
+    reflect,
+    reflect_delta,
+    respond,
+)
 from ivtools.estimators.structure import search_structures
 from ivtools.estimators.toolboxes import report_cases
-from ivtools.estimators.transfer_function import CLSRIVC, RIVC, SRIVC
+from ivtools.estimators.transfer_function import SRIVC
+from ivtools.loop.controllers import Controller, LinearLaw
 from ivtools.problem import Problem
 from ivtools.record import Record
 
@@ -52,9 +62,10 @@ def closed_loop(seed, n=N, noise=2e-4) -> Problem:
     d = lfilter([noise], [1.0, -0.95], white)
     # the loop is linear: a disturbance of the output acts like a reference of the feedback alone
     A, B = [1.0, 4.0, 0.0], [0.37]
-    q0, nu0 = close_loop(B, A, law.gains, law.taps, 1, r, np.gradient(r, DT), DT)
+    q0, nu0 = close_loop(B, A, law, 1, r, np.gradient(r, DT), DT)
     feedback = np.convolve(d, law.taps)[:n]
-    q1, nu1 = close_loop(B, A, np.array([1.0, 0.0]), law.taps, 1, feedback, 0.0 * r, DT)
+    alone = LinearLaw(np.array([1.0, 0.0]), law.taps)
+    q1, nu1 = close_loop(B, A, alone, 1, feedback, 0.0 * r, DT)
     return Problem(Record(np.arange(n) * DT, q0 + q1 + d, q_ref=r, nu=nu0 + nu1), loop)
 
 
@@ -74,6 +85,56 @@ def test_unstable_roots_are_reflected():
     expected = [-3.0, -2.0 - 5.0j, -2.0 + 5.0j, -1.0]
     np.testing.assert_allclose(np.sort_complex(np.roots(reflect(A))), expected, atol=1e-9)
     assert np.roots(reflect([1.0, 0.0], least=0.5)) == pytest.approx([-0.5])
+    z = np.array([1.25, 0.5, -2.0, 0.9 + 0.6j, 0.9 - 0.6j])
+    mirrored = 1.0 + 0.1 * np.roots(reflect_delta(np.poly((z - 1.0) / 0.1).real, 0.1))
+    inside = np.where(np.abs(z) > 1.0, 1.0 / z.conj(), z)
+    np.testing.assert_allclose(np.sort_complex(mirrored), np.sort_complex(inside), atol=1e-9)
+    slow = 1.0 + 0.1 * np.roots(reflect_delta([1.0, 0.0], 0.1, least=0.5))
+    assert slow == pytest.approx([np.exp(-0.05)])
+
+
+B_Z, A_Z = [0.002, 0.0015], np.poly([0.95 + 0.05j, 0.95 - 0.05j]).real  # fast, in z
+
+
+def sampled(noise=0.0, seed=0, ar=(1.0,), ma=(1.0,)) -> Problem:
+    """A problem whose position is a discrete transfer function of its command, plus ARMA noise."""
+    u, rng = steps(seed, every=40), np.random.default_rng(seed + 50)
+    q = lfilter([0.0, *B_Z], A_Z, u) + noise * lfilter(ma, ar, rng.standard_normal(N))
+    return Problem(Record(np.arange(N) * DT, q, q_ref=u, nu=u), axes.emps())
+
+
+@pytest.mark.parametrize("method", [SRIV, RIVBJ])
+def test_a_discrete_record_without_noise_gives_the_polynomials_in_z(method):
+    fit = method(poles=2, zeros=1).fit(sampled(1e-9))
+    assert fit.discrete and fit.system.dt == pytest.approx(DT)
+    numerator, denominator = fit.system.num[0][0], fit.system.den[0][0]
+    np.testing.assert_allclose(denominator / denominator[0], A_Z, rtol=1e-5)
+    np.testing.assert_allclose(numerator / denominator[0], B_Z, rtol=1e-3)
+    exponents = np.log(np.roots(A_Z)) / DT
+    np.testing.assert_allclose(np.sort_complex(fit.poles), np.sort_complex(exponents), rtol=1e-3)
+    with pytest.raises(EstimationError, match="a model of 0.001 s per sample"):
+        fit.simulate(np.ones(300), 2e-3)
+
+
+def test_a_box_jenkins_model_is_more_accurate_than_none():
+    simple, refined = [], []
+    for seed in range(6):
+        problem = sampled(0.02, seed, ar=[1.0, -0.99], ma=[1.0, 0.8])
+        simple.append(SRIV(poles=2, zeros=1).fit(problem).params)
+        refined.append(RIVBJ(poles=2, zeros=1).fit(problem).params)
+    delta = np.poly((np.roots(A_Z) - 1.0) / DT).real[1:]
+    errors = [np.sqrt(np.mean((np.array(p)[:, :2] / delta - 1.0) ** 2, axis=0))
+              for p in (simple, refined)]  # fmt: skip
+    assert np.all(errors[1] < 0.5 * errors[0])
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+@pytest.mark.parametrize("method", [SRIVC, RIVC])
+def test_far_starting_values_lead_to_the_same_transfer_function(method, factor):
+    problem = open_loop([200.0], [1.0, 12.0, 150.0], 0.01)
+    near = method(poles=2, tol=1e-8).fit(problem)
+    far = method(poles=2, tol=1e-8, start=tuple(factor * near.params)).fit(problem)
+    np.testing.assert_allclose(far.params, near.params, rtol=1e-4, atol=1e-3)
 
 
 @pytest.mark.parametrize("method", [SRIVC, RIVC])
@@ -125,6 +186,50 @@ def test_instruments_of_the_reference_are_consistent_in_closed_loop():
     error = [np.mean(np.array(p)[:, :2], axis=0) / [4.0, 0.37] - 1.0 for p in (plain, closed)]
     assert np.all(np.abs(error[1]) < 0.05)
     assert np.all(np.abs(error[1]) < np.abs(error[0]))
+
+
+def linear_axis(loop, twin, noise=0.0, seed=0) -> Problem:
+    """The axis without dry friction, simulated in its loop, with pulses beside the command."""
+    loop = loop.with_terms("inertia", "viscous", "offset")
+    added = np.where(np.arange(twin.n_samples) % 900 < 100, 0.5, 0.0)
+    theta, rng = {"inertia": 95.0, "viscous": 200.0, "offset": -3.0}, np.random.default_rng(seed)
+    encoder = rng.normal(0.0, noise, twin.n_samples)
+    sim = loop.simulate(
+        Record(twin.t, twin.q, q_ref=twin.q_ref, nu=twin.nu, added=added),
+        theta, initial="rest", position_noise=encoder,
+    )  # fmt: skip
+    record = Record(twin.t, sim.q, q_ref=twin.q_ref, nu=sim.nu, added=added)
+    return Problem(record, loop)
+
+
+def integral_controller():
+    """A state-space law: proportional and filtered derivative action, and an integral."""
+    kp, kd, ki, pole = 35000.0, 240.0, 20000.0, 0.6
+    D = kp + kd * (1.0 - pole) / DT
+    A, B = [[1.0, 0.0], [0.0, pole]], [[DT, -DT], [1.0, -1.0]]
+    C = [[ki, -kd * (1.0 - pole) ** 2 / DT]]
+    settings = {"A": A, "B": B, "C": C, "D": [[D, -D]]}
+    return Controller("state-space", settings, delay=1)
+
+
+@pytest.mark.parametrize("kind", ["cascade-pd", "state-space"])
+def test_every_controller_gives_instruments(twin, kind):
+    loop = axes.emps()
+    if kind == "state-space":
+        loop = replace(loop, controller=integral_controller())
+    exact = linear_axis(loop, twin.slice(0, 8000))
+    law, record = loop.controller.law(DT), exact.record
+    B, A = [loop.gain / 95.0], [1.0, 200.0 / 95.0, 0.0]
+    r = record.q_ref[:, 0] - record.q_ref[0, 0]
+    force = record.added[:, 0] + 3.0 / loop.gain  # the offset is a constant input
+    q, nu = close_loop(B, A, law, loop.controller.delay, r, np.gradient(r, DT), DT, force)
+    inner = record.q[:, 0] - record.q[0, 0]
+    np.testing.assert_allclose(q, inner, atol=1e-3 * np.ptp(inner))
+    true = [200.0 / 95.0, loop.gain / 95.0, 3.0 / 95.0]
+    fit = CLSRIVC(poles=2, integrators=1).fit(exact)
+    np.testing.assert_allclose(fit.params, true, rtol=5e-3)
+    noisy = CLSRIVC(poles=2, integrators=1).fit(linear_axis(loop, twin.slice(0, 8000), 1e-5))
+    np.testing.assert_allclose(noisy.params, true, rtol=2e-2)
 
 
 @pytest.mark.slow

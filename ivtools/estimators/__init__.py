@@ -15,8 +15,10 @@ _OTHERS = {
     "FeasibleSet": "feasible_set",
     "ParetoFront": "pareto_front",
     "SRIVC": "transfer_function",
-    "RIVC": "transfer_function",
-    "CLSRIVC": "transfer_function",
+    "RIVC": "box_jenkins",
+    "SRIV": "box_jenkins",
+    "RIVBJ": "box_jenkins",
+    "CLSRIVC": "closed_loop_srivc",
     "search_structures": "structure",
     "DriveGain": "drive_gain",
 }

@@ -1,19 +1,26 @@
-"""Continuous-time filtering of sampled signals: what the transfer-function methods are made of."""
+"""Filters of sampled signals by 1/A, in s or in the delta operator, for the transfer functions.
+
+The delta operator (z - 1) / dt is that of a discrete-time model; a filter in it is the one in s
+integrated by Euler's rule, exactly. One form therefore serves both.
+"""
 
 # Compiled functions carry no annotations: Numba infers them, and mypy cannot see through it.
 # mypy: disallow-untyped-defs=False, disallow-untyped-calls=False
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import cont2discrete
 
+if TYPE_CHECKING:
+    from ivtools.loop.controllers import LinearLaw
+
 Array = NDArray[np.float64]
-Hold = Literal["zoh", "foh"]
+Hold = Literal["zoh", "foh", "euler"]
 
 
 def reflect(A: ArrayLike, least: float = 0.0) -> Array:
@@ -37,8 +44,47 @@ def reflect(A: ArrayLike, least: float = 0.0) -> Array:
     return np.real(np.atleast_1d(np.poly(stable))) * A[0]
 
 
+def reflect_delta(A: ArrayLike, dt: float, least: float = 0.0) -> Array:
+    """Return the polynomial in delta with its roots outside the unit circle of z mirrored into it.
+
+    Parameters
+    ----------
+    A : (n + 1,) array_like
+        Coefficients, highest power first.
+    dt : float
+        Sampling step, s.
+    least : float
+        Every root decays by this at least, 1/s.
+
+    Examples
+    --------
+    >>> reflect_delta([1.0, -1.0], 0.25).round(6).tolist()  # z = 1.25 becomes 0.8
+    [1.0, 0.8]
+    """
+    A = np.asarray(A, dtype=float)
+    z = 1.0 + dt * np.roots(A)
+    radius = np.maximum(np.abs(z), 1e-300)
+    z = z / radius * np.minimum(np.minimum(radius, 1.0 / radius), np.exp(-least * dt))
+    return np.real(np.atleast_1d(np.poly((z - 1.0) / dt))) * A[0]
+
+
+def exponents(roots: ArrayLike, dt: float, hold: Hold) -> NDArray[np.complex128]:
+    """Return the exponents, rad/s, of roots in s, or in delta if the hold is Euler's.
+
+    Examples
+    --------
+    >>> exponents([-100.0], 1e-3, "euler").real.round(2)
+    array([-105.36])
+    """
+    roots = np.asarray(roots, dtype=complex)
+    if hold != "euler":
+        return roots
+    z = 1.0 + dt * roots
+    return np.asarray(np.log(np.where(z == 0.0, 1e-300, z)) / dt)
+
+
 def derivatives(x: ArrayLike, A: ArrayLike, dt: float, hold: Hold = "foh") -> Array:
-    """Filter a signal by s^i / A(s), i = 0 ... n, from rest.
+    """Filter a signal by s^i / A(s), i = 0 ... n, from rest; in delta where the hold is Euler's.
 
     Parameters
     ----------
@@ -48,8 +94,8 @@ def derivatives(x: ArrayLike, A: ArrayLike, dt: float, hold: Hold = "foh") -> Ar
         Monic polynomial, highest power first.
     dt : float
         Sampling step, s.
-    hold : {"foh", "zoh"}
-        How the signal runs between samples: straight, or held.
+    hold : {"foh", "zoh", "euler"}
+        How the signal runs between samples: straight, or held; "euler" reads A in delta.
 
     Returns
     -------
@@ -100,23 +146,39 @@ def respond(B: ArrayLike, A: ArrayLike, u: ArrayLike, dt: float, hold: Hold = "z
 def close_loop(
     B: ArrayLike,
     A: ArrayLike,
-    gains: Array,
-    taps: Array,
+    law: LinearLaw,
     delay: int,
     q_ref: Array,
     dq_ref: Array,
     dt: float,
+    added: Array | None = None,
 ) -> tuple[Array, Array]:
     """Return output and command (n_samples,) of B(s)/A(s) under a digital linear controller.
 
-    ``nu = gains @ (q_ref, dq_ref) + taps @ (q[k], q[k-1], ...)``, `delay` samples late; without
-    noise, so both signals come from the reference alone.
+    Parameters
+    ----------
+    B, A : array_like
+        The plant, its input held.
+    law : LinearLaw
+        The controller at the sampling rate, its command `delay` samples late.
+    delay : int
+    q_ref, dq_ref : (n_samples,) ndarray
+        The reference.
+    dt : float
+        Sampling step, s.
+    added : (n_samples,) ndarray, optional
+        Known input added to the command.
+
+    Returns
+    -------
+    q, nu : (n_samples,) ndarray
+        Without noise, so both come from the reference and the added input alone.
 
     Examples
     --------
-    >>> r = np.ones(2000)
-    >>> q, nu = close_loop([1.0], [1.0, 0.0], np.array([5.0, 0.0]), np.array([-5.0]), 0, r,
-    ...                    np.zeros(2000), 0.01)
+    >>> from ivtools.loop.controllers import LinearLaw
+    >>> r, law = np.ones(2000), LinearLaw(np.array([5.0, 0.0]), np.array([-5.0]))
+    >>> q, nu = close_loop([1.0], [1.0, 0.0], law, 0, r, np.zeros(2000), 0.01)
     >>> q[-1].round(6), abs(nu[-1]) < 1e-6
     (np.float64(1.0), np.True_)
     """
@@ -127,9 +189,10 @@ def close_loop(
     C = np.zeros((1, n))
     C[0, : len(B)] = B[::-1]
     Ad, Bd, _, _, _ = cont2discrete((F, G, C, np.zeros((1, 1))), dt, method="zoh")
-    law = gains[0] * q_ref + gains[1] * dq_ref
-    matrices = (np.ascontiguousarray(M) for M in (Ad, Bd[:, 0], C[0]))
-    return _march_loop(*matrices, law, np.ascontiguousarray(taps), delay)
+    feed = law.gains[0] * q_ref + law.gains[1] * dq_ref
+    arrays = (Ad, Bd[:, 0], C[0], feed, q_ref, np.zeros(len(q_ref)) if added is None else added,
+              law.taps, law.A, law.B, law.C, law.D)  # fmt: skip
+    return _march_loop(*(np.array(a, dtype=float, order="C") for a in arrays), delay)
 
 
 @njit(cache=True, nogil=True)
@@ -148,19 +211,26 @@ def _march(A, b, u, start):
 
 
 @njit(cache=True, nogil=True)
-def _march_loop(A, b, c, law, taps, delay):
-    """Output and command of a sampled plant under a linear law."""
-    n, samples = b.size, law.size
-    q, nu, x, new = np.zeros(samples), np.zeros(samples), np.zeros(n), np.zeros(n)
-    wanted = np.zeros(samples)
+def _march_loop(A, b, c, feed, q_ref, added, taps, a_law, b_law, c_law, d_law, delay):
+    """Output and command of a sampled plant under a linear law with states of its own."""
+    n, m, samples = b.size, c_law.size, feed.size
+    q, nu, wanted = np.zeros(samples), np.zeros(samples), np.zeros(samples)
+    x, new, z, following = np.zeros(n), np.zeros(n), np.zeros(m), np.zeros(m)
     for k in range(samples):
         for i in range(n):
             q[k] += c[i] * x[i]
-        wanted[k] = law[k]
+        wanted[k] = feed[k]
         for i in range(min(taps.size, k + 1)):
             wanted[k] += taps[i] * q[k - i]
-        if k >= delay:
-            nu[k] = wanted[k - delay]
+        if m:
+            wanted[k] += d_law[0] * q_ref[k] + d_law[1] * q[k]
+        for i in range(m):
+            wanted[k] += c_law[i] * z[i]
+            following[i] = b_law[i, 0] * q_ref[k] + b_law[i, 1] * q[k]
+            for j in range(m):
+                following[i] += a_law[i, j] * z[j]
+        z[:] = following
+        nu[k] = added[k] + (wanted[k - delay] if k >= delay else 0.0)
         for i in range(n):
             new[i] = b[i] * nu[k]
             for j in range(n):

@@ -6,7 +6,8 @@ import warnings
 from typing import TYPE_CHECKING
 
 from ivtools.errors import ConvergenceWarning
-from ivtools.estimators.transfer_function import RIVC, SRIVC
+from ivtools.estimators.box_jenkins import RIVC
+from ivtools.estimators.transfer_function import SRIVC
 from ivtools.estimators.transfer_results import TransferFunctionResults
 
 if TYPE_CHECKING:
@@ -70,4 +71,3 @@ def report_cases(record: Record) -> dict[tuple[str, str], float]:
         figures[name, "relative error"] = fit.relative_error
         figures[name, "R_T^2"] = fit.r2
     return figures
-

@@ -1,18 +1,28 @@
-"""Transfer functions by refined instrumental variables: SRIVC, RIVC and CLSRIVC."""
+"""Transfer functions by refined instrumental variables: the iteration, and SRIVC.
+
+`box_jenkins` adds noise models and discrete time, `closed_loop_srivc` the closed loop.
+"""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.errors import ConvergenceWarning, EstimationError, RecordError
-from ivtools.estimators.continuous import Hold, close_loop, derivatives, reflect, respond
-from ivtools.estimators.noise import Criterion, NoiseModel
+from ivtools.estimators.continuous import (
+    Hold,
+    derivatives,
+    exponents,
+    reflect,
+    reflect_delta,
+    respond,
+)
 from ivtools.estimators.transfer_results import TransferFunctionResults
 from ivtools.linalg import solve_iv
 
@@ -23,11 +33,12 @@ Array = NDArray[np.float64]
 Signal = Literal["q_ref", "nu", "q", "dq"]
 
 _SETTLE = 0.1  # most of the record that a filter's transient may cost
+_SETTLING = 10  # iterations after which noise model and rows are held: they may alternate
 
 
 @dataclass(frozen=True)
 class Model:
-    """A(s) y = B(s) u + offset, with what the iteration needs of it.
+    """A(s) y = B(s) u + offset, or the same in delta, with what the iteration needs of it.
 
     Attributes
     ----------
@@ -45,7 +56,8 @@ class Model:
         noise_free = respond(self.B, self.A, u, dt, hold)
         if self.offset == 0.0:
             return noise_free
-        return noise_free + respond([self.offset], self.A, np.ones(len(u)), dt, "zoh")
+        held: Hold = "euler" if hold == "euler" else "zoh"
+        return noise_free + respond([self.offset], self.A, np.ones(len(u)), dt, held)
 
 
 @dataclass(frozen=True)
@@ -53,8 +65,9 @@ class SRIVC:
     """Simplified refined instrumental variables for a continuous-time transfer function.
 
     Filters input and output by 1/A, takes the noise-free output of the last model as instruments,
-    solves, repeats. Statistically efficient if the output error is white; consistent whatever it
-    is as long as the input does not know it, hence not in closed loop (see `CLSRIVC`).
+    solves, repeats. Statistically efficient if the output error is white. Unbiased whatever the
+    error is as long as the input does not know it; biased from command to position or velocity of
+    a closed loop, whose command carries the noise (see `CLSRIVC`).
 
     Parameters
     ----------
@@ -69,6 +82,9 @@ class SRIVC:
         Estimate a constant input beside the measured one.
     hold : {"zoh", "foh"}
         How the input runs between samples: held as a command is, or straight.
+    start : sequence of float, optional
+        Starting coefficients in the order of `names`. Default: the best of several
+        state-variable-filter estimates.
     tol : float
         Relative change of the coefficients at which the iteration ends.
     max_iter : int
@@ -98,6 +114,7 @@ class SRIVC:
     output: Signal = "q"
     offset: bool = True
     hold: Hold = "zoh"
+    start: Sequence[float] | None = None
     tol: float = 1e-4
     max_iter: int = 50
 
@@ -105,10 +122,14 @@ class SRIVC:
         """Refuse a structure that is none."""
         if not 1 <= self.poles <= 8:
             raise EstimationError(f"poles = {self.poles} must be 1 to 8")
-        if not 0 <= self.zeros <= self.poles - (self.hold == "zoh"):
+        if not 0 <= self.zeros <= self.poles - (self.hold != "foh"):
             raise EstimationError(f"zeros = {self.zeros} must be 0 to {self.poles - 1}")
         if not 0 <= self.integrators <= self.poles:
             raise EstimationError(f"integrators = {self.integrators} must be 0 to {self.poles}")
+        if self.start is not None and len(self.start) != len(self.names):
+            raise EstimationError(
+                f"start has {len(self.start)} values; the structure has {', '.join(self.names)}"
+            )
 
     def fit(self, problem: Problem) -> TransferFunctionResults:
         """Estimate the transfer function of a problem's record.
@@ -141,13 +162,15 @@ class SRIVC:
         dt = problem.record.dt
         model = self._start(u, y, dt)
         for n_iter in range(1, self.max_iter + 1):  # noqa: B007
-            F = self._prefilter(model.A, len(y) * dt)
+            F = self._stable(model.A, dt, least=20.0 / (len(y) * dt))  # a filter has to forget
             X, target = self._rows(u, y, F, dt)  # (N, p), (N,)
             Z, _ = self._rows(*self.noise_free(model, u, problem), F, dt)  # (N, p)
-            X, target, Z = self._whiten(model, u, y, (X, target, Z), dt)
-            keep = slice(_settled(F, dt, len(y)), None)
+            if n_iter <= _SETTLING:
+                whiten = self._whitener(model, u, y, dt)
+                keep = slice(self._settled(F, dt, len(y)), None)
+            X, target, Z = whiten(X), whiten(target), whiten(Z)
             X, target, Z = X[keep], target[keep], Z[keep]
-            old, model = self.coefficients(model), self._model(solve_iv(X, target, Z))
+            old, model = self.coefficients(model), self._model(solve_iv(X, target, Z), dt)
             new, weight = self.coefficients(model), np.linalg.norm(X, axis=0)  # (p,), (p,)
             if np.linalg.norm(weight * (new - old)) <= self.tol * np.linalg.norm(weight * new):
                 return model, Z, (X, target), n_iter, True
@@ -157,44 +180,51 @@ class SRIVC:
         """Return input and output of the last model: what the instruments are made of."""
         return u, model.respond(u, problem.record.dt, self.hold)
 
-    def _whiten(
-        self, model: Model, u: Array, y: Array, rows: tuple[Array, Array, Array], dt: float
-    ) -> tuple[Array, Array, Array]:
-        """Return the rows as they are: the output error is taken as white."""
-        return rows
+    def _whitener(self, model: Model, u: Array, y: Array, dt: float) -> Callable[[Array], Array]:
+        """Return what makes the error of the rows white: nothing, the output error is taken so."""
+        return lambda columns: columns
 
     def _start(self, u: Array, y: Array, dt: float) -> Model:
         """Return the best of several state-variable-filter estimates, by its simulation."""
+        if self.start is not None:
+            return self._model(np.asarray(self.start, dtype=float), dt)
         best, least = None, np.inf
         for speed in np.geomspace(2.0, 0.2 / dt, 7):  # rad/s
             F = np.asarray(np.poly(np.full(self.poles, -speed)), dtype=float)
             X, target = self._rows(u, y, F, dt)
-            keep = slice(_settled(F, dt, len(y)), None)
-            model = self._model(solve_iv(X[keep], target[keep]))
+            keep = slice(self._settled(F, dt, len(y)), None)
+            model = self._model(solve_iv(X[keep], target[keep]), dt)
             error = float(np.linalg.norm(y - model.respond(u, dt, self.hold)))
             if best is None or error < least:
                 best, least = model, error
         assert best is not None
         return best
 
-    def _prefilter(self, A: Array, duration: float) -> Array:
-        """Return A with its integrators moved off the axis: a filter has to forget."""
-        return reflect(A, least=20.0 / duration)
+    def _stable(self, A: Array, dt: float, least: float = 0.0) -> Array:
+        """Return A with unstable roots reflected, all of them decaying by `least`, 1/s, or more."""
+        return reflect_delta(A, dt, least) if self.hold == "euler" else reflect(A, least)
+
+    def _settled(self, F: Array, dt: float, n: int) -> int:
+        """Return the samples after which a filter 1/F has forgotten its start."""
+        slowest = np.min(np.abs(exponents(np.roots(F), dt, self.hold).real))
+        return int(min(8.0 / (slowest * dt), _SETTLE * n))
 
     def _rows(self, u: Array, y: Array, F: Array, dt: float) -> tuple[Array, Array]:
         """Return X (N, p) and target (N,) of s^n y = -a s^(n-1) y ... + b s^m u ... + offset."""
         n, m, k = self.poles, self.zeros, self.integrators
-        Y, U = derivatives(y, F, dt, "foh"), derivatives(u, F, dt, self.hold)
+        straight: Hold = "euler" if self.hold == "euler" else "foh"
+        held: Hold = "euler" if self.hold == "euler" else "zoh"
+        Y, U = derivatives(y, F, dt, straight), derivatives(u, F, dt, self.hold)
         columns = [-Y[:, n - 1 : k - 1 if k else None : -1][:, : n - k], U[:, m::-1][:, : m + 1]]
         if self.offset:
-            columns.append(derivatives(np.ones(len(y)), F, dt, "zoh")[:, :1])
+            columns.append(derivatives(np.ones(len(y)), F, dt, held)[:, :1])
         return np.hstack(columns), Y[:, n]
 
-    def _model(self, theta: Array) -> Model:
+    def _model(self, theta: Array, dt: float) -> Model:
         """Return the model of a solution, unstable roots reflected."""
         free = self.poles - self.integrators
-        A = np.concatenate([[1.0], theta[:free]])
-        A = np.concatenate([reflect(A), np.zeros(self.integrators)])
+        A = self._stable(np.concatenate([[1.0], theta[:free]]), dt)
+        A = np.concatenate([A, np.zeros(self.integrators)])
         B = theta[free : free + self.zeros + 1]
         return Model(A, B, float(theta[-1]) if self.offset else 0.0)
 
@@ -210,123 +240,6 @@ class SRIVC:
         a = [f"a{i + 1}" for i in range(self.poles - self.integrators)]
         b = [f"b{i}" for i in range(self.zeros + 1)]
         return (*a, *b, *(["offset"] if self.offset else []))
-
-
-@dataclass(frozen=True)
-class RIVC(SRIVC):
-    """Refined instrumental variables with a noise model (RIVBJ in its hybrid form).
-
-    The process is continuous, the noise a discrete autoregression, with a moving average if asked
-    for: every filtered signal also passes the inverse of the noise model before it is solved.
-
-    Parameters
-    ----------
-    poles, zeros, integrators, input, output, offset, hold, tol, max_iter
-        See `SRIVC`.
-    noise : {"ar", "arma"}
-        Kind of the noise model; its order by `criterion`.
-    criterion : {"bic", "aic"}
-    max_order : int
-        Largest order of the autoregression.
-
-    References
-    ----------
-    P. C. Young, H. Garnier, M. Gilson, "An optimal instrumental variable approach for identifying
-    hybrid continuous-time Box-Jenkins models", IFAC SYSID, 2006.
-
-    Examples
-    --------
-    >>> import ivtools as iv
-    >>> problem = iv.Problem(iv.datasets.twin(), iv.axes.emps())
-    >>> fit = RIVC(poles=2, zeros=0, input="q_ref").fit(problem)
-    >>> fit.relative_error < 2.0
-    True
-    """
-
-    key: ClassVar[str] = "rivc"
-
-    noise: Literal["ar", "arma"] = "ar"
-    criterion: Criterion = "bic"
-    max_order: int = 20
-
-    def _start(self, u: Array, y: Array, dt: float) -> Model:
-        """Return an estimate without noise model, iterated a few times."""
-        model = super()._start(u, y, dt)
-        for _ in range(5):
-            F = self._prefilter(model.A, len(y) * dt)
-            X, target = self._rows(u, y, F, dt)
-            Z, _ = self._rows(u, model.respond(u, dt, self.hold), F, dt)
-            keep = slice(_settled(F, dt, len(y)), None)
-            model = self._model(solve_iv(X[keep], target[keep], Z[keep]))
-        return model
-
-    def _whiten(
-        self, model: Model, u: Array, y: Array, rows: tuple[Array, Array, Array], dt: float
-    ) -> tuple[Array, Array, Array]:
-        """Filter the rows by the inverse of a noise model fitted to the output error."""
-        error = y - model.respond(u, dt, self.hold)
-        options: dict[str, Any] = {"kind": self.noise, "criterion": self.criterion}
-        inverse = NoiseModel.fit(error - error.mean(), max_order=self.max_order, **options)
-        X, target, Z = rows
-        return inverse(X), inverse(target), inverse(Z)
-
-
-@dataclass(frozen=True)
-class CLSRIVC(SRIVC):
-    """Refined instrumental variables in closed loop: instruments from the reference only.
-
-    The noise-free input is S_uo r with S_uo = C / (1 + G C), G the last model and C the linear law
-    of the problem's own controller; the noise-free output is G of it. Neither knows the noise, so
-    the estimate is consistent in closed loop with coloured noise.
-
-    Parameters
-    ----------
-    poles, zeros, integrators, input, output, offset, hold, tol, max_iter
-        See `SRIVC`; the input is nu and the output q, and the offset is on by default.
-
-    References
-    ----------
-    M. Gilson, H. Garnier, P. C. Young, P. Van den Hof, "Optimal instrumental variable method for
-    closed-loop identification", IET Control Theory and Applications 5(10), 2011.
-
-    Examples
-    --------
-    >>> import ivtools as iv
-    >>> problem = iv.Problem(iv.datasets.twin(), iv.axes.emps())
-    >>> fit = CLSRIVC(poles=2, integrators=1).fit(problem)
-    >>> fit.names
-    ('a1', 'b0', 'offset')
-    """
-
-    key: ClassVar[str] = "clsrivc"
-
-    def __post_init__(self) -> None:
-        """Refuse other signals than those of the plant."""
-        super().__post_init__()
-        if (self.input, self.output, self.hold) != ("nu", "q", "zoh"):
-            raise EstimationError(
-                f"clsrivc from {self.input} to {self.output}: it models the plant inside its loop, "
-                "from nu to q with a held command; use srivc for other signals"
-            )
-
-    def noise_free(self, model: Model, u: Array, problem: Problem) -> tuple[Array, Array]:
-        """Return command and position of the loop closed around the model.
-
-        Where that loop is unstable the measured command drives the model for this iteration.
-        """
-        record, controller = problem.record, problem.loop.controller
-        law = controller.law(record.dt)
-        if len(law.C):
-            raise EstimationError("clsrivc needs a controller of gains and taps, not state-space")
-        q_ref = signal(problem, "q_ref")
-        q_ref = q_ref - q_ref[0]
-        q, nu = close_loop(
-            model.B, model.A, law.gains, law.taps, controller.delay, q_ref,
-            np.gradient(q_ref, record.dt), record.dt,
-        )  # fmt: skip
-        if np.all(np.isfinite(q)) and np.ptp(q) < 10.0 * np.ptp(q_ref):
-            return nu, q
-        return super().noise_free(model, u, problem)
 
 
 def signal(problem: Problem, name: Signal) -> Array:
@@ -347,9 +260,3 @@ def signal(problem: Problem, name: Signal) -> Array:
     if column is None:
         raise RecordError(f"the record has no {name}; choose another input or output")
     return np.asarray(column[:, 0])
-
-
-def _settled(F: Array, dt: float, n: int) -> int:
-    """Return the samples after which a filter 1/F has forgotten its start."""
-    slowest = np.min(np.abs(np.roots(F).real))
-    return int(min(8.0 / (slowest * dt), _SETTLE * n))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,20 +20,22 @@ if TYPE_CHECKING:
 
     from ivtools.estimators.transfer_function import SRIVC, Model
     from ivtools.problem import Problem
+    from ivtools.record import Record
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TransferFunctionResults:
-    """Result of one fit of a continuous-time transfer function.
+    """Result of one fit of a transfer function.
 
     Attributes
     ----------
     method : str
-        "srivc", "rivc" or "clsrivc".
+        "srivc", "rivc", "clsrivc", "sriv" or "rivbj".
     params : Series (p,)
-        Free coefficients a1 ... (of monic A), b0 ..., offset, in powers of s.
+        Free coefficients a1 ... (of monic A), b0 ..., offset, in powers of s; in powers of delta,
+        (z - 1) / dt, where the method is one of discrete time.
     cov : DataFrame (p, p)
         Their covariance, robust to autocorrelation of the error.
     A, B : ndarray
@@ -48,6 +50,8 @@ class TransferFunctionResults:
         Of the iteration.
     estimator : SRIVC
         The settings.
+    problem : Problem
+        What was fitted.
     """
 
     method: str
@@ -63,6 +67,7 @@ class TransferFunctionResults:
     converged: bool
     runtime: float
     estimator: SRIVC
+    problem: Problem
 
     @classmethod
     def of(
@@ -99,16 +104,29 @@ class TransferFunctionResults:
             t=problem.record.t,
             yic=yic,
             estimator=estimator,
+            problem=problem,
             **status,
         )
 
     @property
     def system(self) -> control.TransferFunction:
-        """The transfer function as a python-control system with named signals."""
+        """The transfer function as a python-control system with named signals.
+
+        In s, or in z at the sampling rate of the record where the method is one of discrete time.
+        """
         import control
 
         signals = {"inputs": self.estimator.input, "outputs": self.estimator.output}
-        return control.TransferFunction(self.B, self.A, name=self.method, **signals)
+        if not self.discrete:
+            return control.TransferFunction(self.B, self.A, name=self.method, **signals)
+        dt = self.problem.record.dt
+        B, A = (_in_z(polynomial, dt) for polynomial in (self.B, self.A))
+        return control.TransferFunction(B, A, dt, name=self.method, **signals)
+
+    @property
+    def discrete(self) -> bool:
+        """Whether the model is one of discrete time."""
+        return self.estimator.hold == "euler"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -123,8 +141,10 @@ class TransferFunctionResults:
 
     @property
     def poles(self) -> NDArray[np.complex128]:
-        """Roots of A, rad/s."""
-        return np.roots(self.A).astype(complex)
+        """Poles, rad/s; of a model in discrete time those of the exponentials that it samples."""
+        from ivtools.estimators.continuous import exponents
+
+        return exponents(np.roots(self.A), self.problem.record.dt, self.estimator.hold)
 
     @property
     def resids(self) -> Array:
@@ -169,8 +189,45 @@ class TransferFunctionResults:
         u = np.asarray(u, dtype=float)
         if u.ndim != 1:
             raise EstimationError(f"the input has shape {u.shape}; give (n_samples,)")
+        own = self.problem.record.dt
+        if self.discrete and abs(dt / own - 1.0) > 0.01:
+            raise EstimationError(
+                f"dt = {dt:g} s, but {self.method} is a model of {own:g} s per sample; use rivc"
+            )
         model = Model(self.A, self.B, float(self.params.get("offset", 0.0)))
         return first + model.respond(u, dt, self.estimator.hold)
+
+    def cross_test(self, record: Record) -> float:
+        """Return the relative error on another record of the same axis, free-running, in %."""
+        from ivtools.estimators.transfer_function import signal
+
+        other = replace(self.problem, record=record)
+        u, y = signal(other, self.estimator.input), signal(other, self.estimator.output)
+        simulated = self.simulate(u, record.dt, float(y[0]))
+        return 100.0 * float(np.linalg.norm(y - simulated) / np.linalg.norm(y))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content as plain objects, ready for JSON."""
+        e = self.estimator
+        return {
+            "method": self.method,
+            "input": e.input,
+            "output": e.output,
+            "operator": "delta" if self.discrete else "s",
+            "poles": e.poles,
+            "zeros": e.zeros,
+            "integrators": e.integrators,
+            "params": {str(k): float(v) for k, v in self.params.items()},
+            "std_errors": {str(k): float(v) for k, v in self.std_errors.items()},
+            "numerator": self.B.tolist(),
+            "denominator": self.A.tolist(),
+            "pole_values": [[float(p.real), float(p.imag)] for p in self.poles],
+            "relative_error": self.relative_error,
+            "r2": self.r2,
+            "yic": self.yic if math.isfinite(self.yic) else None,
+            "n_iter": int(self.n_iter),
+            "converged": bool(self.converged),
+        }
 
     def summary(self) -> Text:
         """Return a table of at most 80 columns."""
@@ -205,3 +262,18 @@ class TransferFunctionResults:
         from ivtools import plots
 
         return plots.transfer_function(self, **options)
+
+
+def _in_z(polynomial: Array, dt: float) -> Array:
+    """Return a polynomial in delta as one in z, highest power first.
+
+    Examples
+    --------
+    >>> _in_z(np.array([1.0, 2.0]), 0.5).tolist()  # (z - 1) / 0.5 + 2
+    [2.0, 0.0]
+    """
+    delta = np.array([1.0, -1.0]) / dt
+    out = np.zeros(1)
+    for coefficient in polynomial:
+        out = np.polyadd(np.polymul(out, delta), [coefficient])
+    return np.asarray(out)

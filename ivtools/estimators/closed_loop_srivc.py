@@ -1,0 +1,76 @@
+"""CLSRIVC: a transfer function inside its loop, by instruments of the reference alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ivtools.errors import EstimationError
+from ivtools.estimators.continuous import close_loop
+from ivtools.estimators.transfer_function import SRIVC, Model, signal
+
+if TYPE_CHECKING:
+    from ivtools.problem import Problem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CLSRIVC(SRIVC):
+    """Refined instrumental variables in closed loop: instruments from the reference only.
+
+    The noise-free input is S_uo r with S_uo = C / (1 + G C), G the last model and C the linear law
+    of the problem's own controller, of whatever kind; the noise-free output is G of it. A known
+    input that is added to the command drives both too. Neither knows the noise, so the estimate is
+    unbiased in closed loop, the noise coloured or not.
+
+    Parameters
+    ----------
+    poles, zeros, integrators, input, output, offset, hold, start, tol, max_iter
+        See `SRIVC`; the input is nu and the output q, and the offset is on by default.
+
+    References
+    ----------
+    M. Gilson, H. Garnier, P. C. Young, P. Van den Hof, "Optimal instrumental variable method for
+    closed-loop identification", IET Control Theory and Applications 5(10), 2011.
+
+    Examples
+    --------
+    >>> import ivtools as iv
+    >>> problem = iv.Problem(iv.datasets.twin(), iv.axes.emps())
+    >>> fit = CLSRIVC(poles=2, integrators=1).fit(problem)
+    >>> fit.names
+    ('a1', 'b0', 'offset')
+    """
+
+    key: ClassVar[str] = "clsrivc"
+
+    def __post_init__(self) -> None:
+        """Refuse other signals than those of the plant."""
+        super().__post_init__()
+        if (self.input, self.output, self.hold) != ("nu", "q", "zoh"):
+            raise EstimationError(
+                f"clsrivc from {self.input} to {self.output}: it models the plant inside its loop, "
+                "from nu to q with a held command; use srivc for other signals"
+            )
+
+    def noise_free(self, model: Model, u: Array, problem: Problem) -> tuple[Array, Array]:
+        """Return command and position of the loop closed around the model.
+
+        Where that loop is unstable the measured command drives the model for this iteration.
+        """
+        record, controller = problem.record, problem.loop.controller
+        q_ref = signal(problem, "q_ref")
+        q_ref, n = q_ref - q_ref[0], len(q_ref)
+        dq_ref = np.gradient(q_ref, record.dt) if record.dq_ref is None else record.dq_ref[:, 0]
+        added = np.zeros(n) if record.added is None else record.added[:, 0]
+        q, nu = close_loop(
+            model.B, model.A, controller.law(record.dt), controller.delay, q_ref, dq_ref,
+            record.dt, added,
+        )  # fmt: skip
+        if np.all(np.isfinite(q)) and np.ptp(q) < 10.0 * np.ptp(q_ref):
+            return nu, q
+        return super().noise_free(model, u, problem)
