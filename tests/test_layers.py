@@ -15,13 +15,14 @@ ROOT = Path(ivtools.__file__).parent
 #: Rooms from left to right. A room imports rooms to its left, and nothing beside it.
 ORDER = [
     ("errors",),
-    ("columns", "csv_layout", "registry", "tables"),
+    ("columns", "csv_layout", "registry", "tables", "workers"),
     ("checks", "readers"),
     ("record", "linalg", "pipeline"),
     ("datasets", "physics"),
     ("loop",),
-    ("axes", "plausibility"),
+    ("axes", "digest", "plausibility"),
     ("problem",),
+    ("transfer_table",),
     ("comparison",),
     ("results",),
     ("inference", "estimators"),

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 import ivtools as iv
+from ivtools.digest import digest, seed_sequence
 from ivtools.errors import IVToolsError
 from ivtools.study import (
     COLUMNS,
@@ -22,7 +23,6 @@ from ivtools.study import (
     Trapezoids,
     load,
 )
-from ivtools.study.digest import digest, seed_sequence
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 REFERENCE = Trapezoids(3.0, strokes=(0.12, 0.04), speeds=(0.15, 0.1))

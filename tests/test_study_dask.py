@@ -71,6 +71,6 @@ def test_the_current_client_is_used_if_no_address_is_given(cluster):
 
 
 def test_no_scheduler_is_an_error_of_one_line(monkeypatch):
-    monkeypatch.setattr("ivtools.study.workers.TIMEOUT_S", 1.0)
+    monkeypatch.setattr("ivtools.workers.TIMEOUT_S", 1.0)
     with pytest.raises(IVToolsError, match="no Dask scheduler answers at tcp://127.0.0.1:9"):
         small(1).run(backend="dask", scheduler="tcp://127.0.0.1:9")

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools import __version__
+from ivtools.digest import digest, loop_text, seed_sequence
 from ivtools.errors import EstimationError, IVToolsError
 from ivtools.loop import ClosedLoop, Simulation
 from ivtools.physics import TERMS
 from ivtools.pipeline import Pipeline
 from ivtools.problem import Problem
 from ivtools.record import Record
-from ivtools.study.digest import digest, loop_text, seed_sequence
 from ivtools.study.reference import Reference, Trapezoids
 
 if TYPE_CHECKING:

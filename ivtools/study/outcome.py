@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ivtools.digest import canonical, digest
 from ivtools.errors import EstimationError, IVToolsError
-from ivtools.study.digest import canonical, digest
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem

@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
 from ivtools.study.table import Block
 from ivtools.study.work import Bench
+from ivtools.workers import Clock, Progress
 
 BLOCK_S = 2.0  # s of work in a block, once the pace is known
 SHORTEST_S = 0.1  # s, so that handing out stays cheap
 SHARE = 0.125  # of what is left that one block may take: workers then end together
 LARGEST_BLOCK = 500
-
-
-class Progress(NamedTuple):
-    """How far a study is.
-
-    Attributes
-    ----------
-    done, total : int
-        Repetitions (one record and all its fits), of this run.
-    elapsed, left : float
-        s.
-    """
-
-    done: int
-    total: int
-    elapsed: float
-    left: float
 
 
 class Task(NamedTuple):
@@ -45,18 +28,13 @@ class Pace:
     """How long a repetition takes, and what that means for blocks and the time left."""
 
     def __init__(self, total: int, progress: Callable[[Progress], object] | None):
-        self.total, self.progress, self.done = total, progress, 0
-        self.start, self.per_seed = perf_counter(), 0.0
+        self.clock, self.per_seed = Clock(total, progress), 0.0
 
     def tick(self, seeds: int, seconds: float) -> None:
         """Note that so many repetitions took a worker so long."""
-        self.done += seeds
         fresh = seconds / seeds
         self.per_seed = fresh if not self.per_seed else 0.5 * (self.per_seed + fresh)
-        if self.progress is not None:
-            elapsed = perf_counter() - self.start
-            left = elapsed / self.done * (self.total - self.done)
-            self.progress(Progress(self.done, self.total, elapsed, left))
+        self.clock.tick(seeds)
 
     def blocks(self, plan: Iterable[Task]) -> Iterator[Task]:
         """Cut ranges into blocks, as long as the pace says when the next one is asked for."""
@@ -64,7 +42,7 @@ class Pace:
         for block, sent in plan:
             first = block.first
             while first < block.last:
-                last = min(first + self._size(self.total - given), block.last)
+                last = min(first + self._size(self.clock.total - given), block.last)
                 yield Task(Block(block.case, block.estimators, first, last), sent)
                 given, first = given + last - first, last
 

@@ -11,9 +11,10 @@ from ivtools.errors import IVToolsError
 from ivtools.study import work
 from ivtools.study.case import Case
 from ivtools.study.outcome import identity, labelled
-from ivtools.study.plan import Pace, Progress, Task, gaps
+from ivtools.study.plan import Pace, Task, gaps
 from ivtools.study.table import Block, Store, frame
-from ivtools.study.workers import Backend, outcomes
+from ivtools.study.workers import outcomes
+from ivtools.workers import Backend, Progress, known
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,8 +103,7 @@ class Study:
         MissingExtraError
             If Dask is asked for and not installed.
         """
-        if backend not in ("loky", "threading", "dask"):
-            raise IVToolsError(f"backend {backend!r} is unknown; use loky, threading or dask")
+        backend = known(backend)
         store = _store(path)
         away = backend == "dask" or (n_jobs != 1 and backend == "loky")
         plan = list(self._missing(store, away))

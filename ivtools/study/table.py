@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ivtools.digest import digest
 from ivtools.errors import DataError
-from ivtools.study.digest import digest
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from functools import cached_property, lru_cache
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import cloudpickle
 
-from ivtools.errors import EstimationError, IVToolsError, IVToolsWarning
+from ivtools.errors import IVToolsError
 from ivtools.study.case import HOLDOUT, Case
 from ivtools.study.outcome import Outcome, failure, fit, rows
 from ivtools.study.table import Row, part
+from ivtools.workers import packed
+from ivtools.workers import quiet as quiet
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -63,32 +61,9 @@ class Bench:
 
 
 def payload(case: Case, estimators: Mapping[str, Any]) -> bytes:
-    """Return a case and its estimators as bytes, the same for every block of the case.
-
-    Classes from a script or a module of the user's own travel as their code, so that a worker on
-    another machine needs no copy of the file.
-    """
-    own = {m for e in estimators.values() if (m := sys.modules.get(type(e).__module__))}
-    own = {m for m in own if not _installed(m)}
-    try:
-        for module in own:
-            cloudpickle.register_pickle_by_value(module)
-        return bytes(cloudpickle.dumps((case, dict(estimators))))
-    except Exception as error:
-        raise EstimationError(
-            f"case {case.name} or one of its estimators cannot be sent to a worker ({error}); "
-            "keep open files and locks out of them"
-        ) from error
-    finally:
-        for module in own:
-            cloudpickle.unregister_pickle_by_value(module)
-
-
-def _installed(module: ModuleType) -> bool:
-    """Whether every worker has this module: it belongs to an installed package, or to us."""
-    file = getattr(module, "__file__", None) or ""
-    own = module.__name__.split(".")[0] == "ivtools"
-    return own or module.__name__ == "__main__" or "-packages" in file or not file
+    """Return a case and its estimators as bytes, the same for every block of the case."""
+    what = f"case {case.name} or one of its estimators"
+    return packed((case, dict(estimators)), map(type, estimators.values()), what)
 
 
 def work(sent: bytes | Bench, first: int, last: int) -> pa.Table:
@@ -96,20 +71,6 @@ def work(sent: bytes | Bench, first: int, last: int) -> pa.Table:
     bench = _bench(sent) if isinstance(sent, bytes) else sent
     with quiet():
         return part([row for seed in range(first, last) for row in bench.rows(seed)])
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Use one thread for linear algebra, whose sums then have one order; keep warnings back.
-
-    What the warnings say is in the table (`converged`, `error`).
-    """
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1), warnings.catch_warnings():
-        warnings.simplefilter("ignore", IVToolsWarning)
-        warnings.simplefilter("ignore", RuntimeWarning)
-        yield
 
 
 @lru_cache(maxsize=4)
