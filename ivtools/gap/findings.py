@@ -182,9 +182,11 @@ def _direction(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
 
 
 def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
-    own = loop.command(record) - (record.added if record.added is not None else 0.0)
-    top, limit = float(np.max(np.abs(own))), loop.controller.limit
-    if np.sum(np.abs(own) > _OVER * limit) >= _FEW:
+    whole, limit = np.abs(loop.command(record)), loop.controller.limit
+    own = np.abs(loop.command(record) - (record.added if record.added is not None else 0.0))
+    size = np.minimum(whole, own)  # whether the added input is in the command or not
+    top = float(np.max(size))
+    if np.sum(size > _OVER * limit) >= _FEW:
         text = f"the recorded command reaches {top:.4g}, the axis file says that it is limited to "
         remedy = "check the unit of nu, and [controller] limit"
         if top <= _BEYOND * limit:
@@ -214,7 +216,7 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
         return [
             Finding(
                 f"the record shows other controller settings than the axis file ({text}); "
-                "correct [controller] and diagnose again"
+                f"correct [controller] and diagnose again{hints.law(record, loop)}"
             )
         ]
     doubts = checks.doubts(record)

@@ -61,7 +61,7 @@ def command(record: Record, loop: ClosedLoop, delay: int, left: float) -> str:
         Error of the law, relative.
     """
     factor, rest = _factor(record, loop, delay)
-    found = _identified(record, loop)
+    found = law(record, loop)
     if rest > _FITS:
         return (
             f"the control law reproduces the recorded command only to {100 * left:.0f} %; check "
@@ -87,20 +87,20 @@ def _factor(record: Record, loop: ClosedLoop, delay: int) -> tuple[float, float]
     assert record.q_ref is not None
     dq_ref = record.dq_ref
     dq_ref = np.gradient(record.q_ref, record.dt, axis=0) if dq_ref is None else dq_ref
-    law = loop.controller.law(record.dt)(record.q_ref[:, 0], dq_ref[:, 0], record.q[:, 0])
+    given = loop.controller.law(record.dt)(record.q_ref[:, 0], dq_ref[:, 0], record.q[:, 0])
     nu = loop.command(record)[delay:, 0]
-    columns = [law[: len(law) - delay], np.ones(len(nu))]
+    columns = [given[: len(given) - delay], np.ones(len(nu))]
     if record.added is not None and record.added.any():
         columns.append(record.added[delay:, 0])
     X = np.column_stack(columns)
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    whole = max(float(np.linalg.norm(nu)), 1e-300)
     weights = np.linalg.lstsq(X / size, nu, rcond=None)[0] / size
-    rest = nu - X @ weights
-    return float(weights[0]), float(np.linalg.norm(rest) / max(np.linalg.norm(nu), 1e-300))
+    return float(weights[0]), float(np.linalg.norm(nu - X @ weights)) / whole
 
 
-def _identified(record: Record, loop: ClosedLoop) -> str:
-    """Return the law that the record shows, if there is one."""
+def law(record: Record, loop: ClosedLoop) -> str:
+    """Say which law the record shows; nothing if none fits."""
     try:
         fit = loop.identify_controller(record)[1]
     except IVToolsError:
