@@ -126,7 +126,7 @@ def _tried(
     """Fit the best of the screening; return all trials, and those that earn a name.
 
     The screening, of first order, does not see the narrow valley of a `DENSE` effect: those are
-    searched as well where a gap is left and nothing else explains it.
+    searched as well where everything else leaves a gap.
     """
     shares = _shares(found)
     chosen = [n for n in list(shares)[: rules.refit] if shares[n] > 0.4 * rules.share]
@@ -136,9 +136,13 @@ def _tried(
             tasks = [[f[n] for f in found] for n in names]
             tried += pool.map(lambda scores: attempt(sides, fits, held, scores), tasks)
         good = [t for t in tried if t.passes(rules) and t.worth(base, rules)]
-        if good or np.mean([h.cost for h in held]) < ADEQUATE:
+        if min([_cost(held), *(_cost(t.held) for t in good)]) < ADEQUATE:
             break
     return tried, good
+
+
+def _cost(fits: tuple[Fit, ...]) -> float:
+    return float(np.mean([f.cost for f in fits]))
 
 
 def _backward(

@@ -99,6 +99,11 @@ class Fold:
         """Return the fold of those of its samples that are kept."""
         return replace(self, keep=self.keep & keep, label=label)
 
+    def stretch(self, start: int, stop: int) -> Fold:
+        """Return the fold of some samples in a row."""
+        rows = slice(start, stop)
+        return replace(self, record=self.record.slice(start, stop), keep=self.keep[rows])
+
 
 def usable(record: Record, loop: ClosedLoop) -> Mask:
     """Return the samples at which command and simulation can be compared, (n_samples,).

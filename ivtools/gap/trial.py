@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..physics import Term
 from .candidates import PERIODIC, scans
 from .fit import Fit, gauss_newton, steps
+from .fold import Fold
 from .screen import Score
 from .side import Side
 
@@ -23,6 +24,9 @@ ADEQUATE = 1.12
 DENSE = ("flexibility", "backlash")
 #: Nuisance parameters that stay at their usual value.
 FIXED = ("backlash.contact_hz", "backlash.damping", "presliding.damping")
+
+_SCANNED = 8.0  # s of the record that a dense scan looks at
+_WIDE, _ROUNDS = 1.25, 4  # of the search around its best point
 
 
 @dataclass(frozen=True)
@@ -186,27 +190,52 @@ def _starts(side: Side, fit: Fit, score: Score) -> list[dict[str, float]]:
 
 
 def _densest(side: Side, fit: Fit, term: Term, points: list[dict[str, float]]) -> dict[str, float]:
-    """Return the point of a scan with the least error after a linear step of the base.
+    """Return the point of a scan with the least error, polished by a search around it.
 
-    Every third value of the first parameter first, then those beside the best one: the valley is
-    narrow in a gap or a frequency, and wide in the masses.
+    The valley of a backlash is too narrow for gradients, and as narrow in a part of the record as
+    in all of it: the stretch with the largest error is enough for the scan.
     """
-    Q = np.linalg.qr(fit.J / np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300))[0]
+    rows = _worst(side.fold, fit.e)
+    part = side.fold.stretch(rows.start, rows.stop)
+    J = fit.J[rows.start - np.sum(~side.fold.keep[: rows.start]) :][: part.n_kept]
+    Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0]
     loop = fit.loop.with_effect(term, **points[0])
-    narrow = next(iter(points[0]))
-    places = sorted({p[narrow] for p in points})
 
     def cost(point: dict[str, float]) -> float:
+        """Return the cost after a linear step of the base."""
         named = {f"{term.name}.{k}": v for k, v in point.items()}
-        e = side.fold.error(loop, {**loop.values(fit.values), **named})
+        e = part.error(loop, {**loop.values(fit.values), **named})
         return float(e @ e - np.sum((Q.T @ e) ** 2))
 
-    coarse = [(cost(p), p) for p in points if places.index(p[narrow]) % 3 == 1]
-    best = min(coarse, key=lambda found: found[0])
-    wide = {k: v for k, v in best[1].items() if k != narrow}
-    at = places.index(best[1][narrow])
-    near = [{narrow: x, **wide} for x in places[max(at - 2, 0) : at + 3] if x != best[1][narrow]]
-    return min([best, *((cost(p), p) for p in near)], key=lambda found: found[0])[1]
+    costs = [cost(p) for p in points]
+    return _polished(term, points[int(np.argmin(costs))], min(costs), cost)
+
+
+def _worst(fold: Fold, e: Array) -> slice:
+    """Return the stretch of the record with the largest energy of the error."""
+    n = min(round(_SCANNED / fold.record.dt), fold.record.n_samples)
+    energy = np.zeros(fold.record.n_samples + 1)
+    energy[1:][fold.keep] = e**2
+    energy = np.cumsum(energy)
+    start = int(np.argmax(energy[n:] - energy[:-n]))
+    return slice(start, start + n)
+
+
+def _polished(
+    term: Term, point: dict[str, float], least: float, cost: Callable[[dict[str, float]], float]
+) -> dict[str, float]:
+    """Return the point moved along one parameter at a time as long as the cost falls."""
+    moving = [p for p in term.parameters if f"{term.name}.{p.name}" not in FIXED]
+    size = 1.0
+    for _ in range(_ROUNDS):
+        before = least
+        for p, factor in ((p, f) for p in moving for f in (_WIDE**size, _WIDE**-size)):
+            near = {**point, p.name: float(np.clip(point[p.name] * factor, p.lower, p.upper))}
+            new = cost(near)
+            if new < least:
+                point, least = near, new
+        size *= 0.5 if least == before else 1.0
+    return point
 
 
 def _amplitude(before: Fit, held: Fit) -> tuple[float, float]:
