@@ -11,10 +11,12 @@ import pandas as pd
 
 from ivtools.errors import IVToolsError
 from ivtools.tables import WIDTH, Text, table
+from ivtools.transfer_table import TransferTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ivtools.estimators.transfer_results import TransferFunctionResults
     from ivtools.problem import Problem
     from ivtools.record import Record
     from ivtools.results import FitResults
@@ -42,6 +44,8 @@ class Comparison:
         simulated, simulated-holdout (both in %), cost.
     results : tuple of FitResults
         What was compared.
+    functions : TransferTable or None
+        The transfer functions among the results: they have a table of their own.
     notes : tuple of str
         Simulations that failed.
     """
@@ -49,19 +53,26 @@ class Comparison:
     frame: pd.DataFrame
     results: tuple[FitResults, ...]
     notes: tuple[str, ...] = ()
+    functions: TransferTable | None = None
 
     def summary(self) -> Text:
-        """Return a table of at most 80 columns, in blocks if there are many results."""
+        """Return tables of at most 80 columns, in blocks if there are many results."""
+        parts = self._blocks() if self.results else []
+        if self.functions is not None:
+            parts.append(self.functions.summary())
+        return Text("\n\n".join(parts), "".join(part.html for part in parts))
+
+    def _blocks(self) -> list[Text]:
+        """Return the table of the parameters, block by block."""
         labels = list(self.frame.columns)
         wide = max(18, *(len(label) for label in labels)) + 2
         per_block = max(1, (WIDTH - 24) // wide)
         blocks = [labels[i : i + per_block] for i in range(0, len(labels), per_block)]
         notes = ["standard errors in parentheses", *self.notes]
-        parts = [
+        return [
             table("Comparison", [], ["", *block], self._rows(block), notes * (block is blocks[-1]))
             for block in blocks
         ]
-        return Text("\n\n".join(parts), "".join(part.html for part in parts))
 
     def _column(self, label: str) -> dict[tuple[str, str], float]:
         """Return the figures of one result by (group, quantity)."""
@@ -80,9 +91,11 @@ class Comparison:
                 for key in shown]  # fmt: skip
 
     def plot(self, **options: Any) -> Figure:
-        """Draw the parameters with their confidence intervals side by side."""
+        """Draw the parameters with their intervals side by side, or else a transfer function."""
         from ivtools import plots
 
+        if not self.results and self.functions is not None:
+            return plots.transfer_function(self.functions.results[0], **options)
         return plots.parameters(self.results, **options)
 
     def to_dict(self) -> dict[str, Any]:
@@ -93,6 +106,8 @@ class Comparison:
             for (group, quantity), value in self._column(label).items():
                 groups.setdefault(group, {})[quantity] = value if np.isfinite(value) else None
             out[label] = groups
+        if self.functions is not None:
+            out["transfer_functions"] = self.functions.to_dict()
         return out
 
     def __repr__(self) -> str:
@@ -105,7 +120,7 @@ class Comparison:
 
 
 def compare(
-    results: Sequence[FitResults],
+    results: Sequence[FitResults | TransferFunctionResults],
     holdout: Record | Problem | None = None,
     simulate: bool = True,
 ) -> Comparison:
@@ -113,8 +128,9 @@ def compare(
 
     Parameters
     ----------
-    results : sequence of FitResults
-        Of one record, by different methods or models.
+    results : sequence of FitResults or TransferFunctionResults
+        Of one record, by different methods or models; transfer functions have no physical
+        parameters and make a second table.
     holdout : Record or Problem, optional
         Another record of the same axis: the parameters are tested on it, unchanged.
     simulate : bool
@@ -140,21 +156,26 @@ def compare(
     >>> float(compare([fit]).frame.loc[("params", "offset"), "idim-ls"])
     4.0
     """
-    results = tuple(results)
     if not results:
         raise IVToolsError("compare was given no result; give at least one FitResults")
     other: Any = holdout
     record: Record | None = getattr(other, "record", other)
+    functions: list[Any] = [fit for fit in results if hasattr(fit, "poles")]
+    fits: list[Any] = [fit for fit in results if not hasattr(fit, "poles")]
     notes: list[str] = []
     columns = {}
-    for label, fit in zip(labels_of(results), results, strict=True):
+    for label, fit in zip(labels_of(fits), fits, strict=True):
         columns[label] = _figures(label, fit, record, simulate, notes)
-    names = list(dict.fromkeys(name for fit in results for name in fit.names))
+    names = list(dict.fromkeys(name for fit in fits for name in fit.names))
     order = [(group, name) for name in names for group in ("params", "std_errors")]
     order += [key for key in LABELS if any(key in column for column in columns.values())]
-    index = pd.MultiIndex.from_tuples(order, names=["group", "quantity"])
+    index = pd.MultiIndex.from_tuples(order or [("", "")], names=["group", "quantity"])[
+        : len(order)
+    ]
     data = {label: [column.get(key, np.nan) for key in order] for label, column in columns.items()}
-    return Comparison(pd.DataFrame(data, index=index, dtype=float), results, tuple(notes))
+    frame = pd.DataFrame(data, index=index, dtype=float)
+    transfer = TransferTable.of(functions, record) if functions else None
+    return Comparison(frame, tuple(fits), tuple(notes), transfer)
 
 
 def _figures(

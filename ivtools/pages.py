@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from ivtools.tables import Text
 
 if TYPE_CHECKING:
     from ivtools.loop import Simulation
+    from ivtools.problem import Problem
     from ivtools.record import Record
     from ivtools.results import FitResults
+    from ivtools.transfer_table import TransferTable
 
 FORCE_CAPTION = "Force measured and reconstructed; below, their difference."
 
@@ -37,9 +39,35 @@ def fit_page(fit: FitResults) -> Page:
 
 def comparison_page(comparison: Comparison, holdout: Record | None = None) -> Page:
     """Return the page of a comparison: table, intervals, force and simulation."""
-    first = comparison.results[0].problem
-    assert first is not None  # every estimator keeps its problem
+    functions = comparison.functions
+    any_fit: Any = (*comparison.results, *(functions.results if functions else ()))[0]
+    first = any_fit.problem
     out = Page(f"{first.record.name}: methods compared", f"{first.loop.name}, {first.record!r}.")
+    if comparison.results:
+        _add_estimates(out, comparison, first, holdout)
+    if functions is not None:
+        _add_functions(out, functions)
+    return out
+
+
+def _add_functions(out: Page, functions: TransferTable) -> None:
+    """Add the transfer functions to a page, the best of each case drawn."""
+    pictures = [
+        Picture(
+            f"transfer-function-{k}",
+            plots.transfer_function(fit),
+            f"{fit.method.upper()} from {fit.estimator.input} to {fit.estimator.output}: measured "
+            "and free-running output; below, their difference.",
+        )
+        for k, fit in enumerate(functions.best(), 1)
+    ]
+    out.add("Transfer functions", tables=[functions.summary()], figures=pictures)
+
+
+def _add_estimates(
+    out: Page, comparison: Comparison, first: Problem, holdout: Record | None
+) -> None:
+    """Add table, intervals, force and simulation of the physical parameters to a page."""
     pictures = [
         Picture(
             f"parameters-{k}",
@@ -48,7 +76,8 @@ def comparison_page(comparison: Comparison, holdout: Record | None = None) -> Pa
         )
         for k, fits in enumerate(_by_model(comparison.results), 1)
     ]
-    out.add("Comparison", tables=[comparison.summary()], figures=pictures)
+    estimates = replace(comparison, functions=None)
+    out.add("Comparison", tables=[estimates.summary()], figures=pictures)
     test = "cross-test" if holdout is not None else "direct"
     row = comparison.frame.index.get_loc(("relative_error", test))
     best = comparison.results[int(np.nanargmin(comparison.frame.to_numpy()[row]))]
@@ -59,7 +88,6 @@ def comparison_page(comparison: Comparison, holdout: Record | None = None) -> Pa
         forces.append(Picture("cross-test", plots.force(best, other), f"Hold-out. {FORCE_CAPTION}"))
     out.add("Force", f"The result with the smallest {test} error.", figures=forces)
     add_simulation(out, best)
-    return out
 
 
 def _by_model(results: Sequence[FitResults]) -> list[list[FitResults]]:

@@ -191,6 +191,37 @@ def test_compare_sets_models_and_methods_side_by_side(command, tmp_path, monkeyp
     assert (out_dir / "report.html").exists() and (out_dir / "parameters-2.svg").exists()
 
 
+def test_transfer_functions_have_a_table_of_their_own(command, tmp_path):
+    file = tmp_path / "comparison.json"
+    status, out, _ = command(
+        "compare", "twin", "--holdout", "twin", "--methods", "idim-ls, srivc clsrivc",
+        "--friction", "both", "--out", tmp_path / "out", "--json", file,
+    )  # fmt: skip
+    tables, _ = out.split("report: ")
+    assert status == 0 and max(map(len, tables.splitlines())) <= 80
+    first, second = tables.split("Transfer functions")
+    assert "inertia" in first and "srivc" not in first
+    assert [line.split()[:3] for line in second.splitlines() if "srivc" in line] == [
+        ["srivc", "nu,", "q"], ["srivc", "nu,", "dq"], ["srivc", "q_ref,", "q"],
+        ["clsrivc", "nu,", "q"],
+    ]  # fmt: skip
+    content = json.loads(file.read_text())
+    assert list(content) == ["idim-ls", "idim-ls asym.", "transfer_functions"]
+    entry = content["transfer_functions"][1]
+    assert entry["output"] == "dq" and entry["holdout_error"] == entry["relative_error"]
+    assert entry["pole_values"][0][0] == pytest.approx(-entry["params"]["a1"])
+    assert "Transfer functions" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert (tmp_path / "out" / "transfer-function-3.svg").exists()
+
+
+def test_transfer_functions_can_stand_alone(command, tmp_path):
+    status, out, _ = command("compare", "twin", "--methods", "clsrivc", "--out", tmp_path)
+    assert status == 0 and "Comparison" not in out and "clsrivc" in out
+    assert (tmp_path / "report.html").exists() and (tmp_path / "transfer-function-1.svg").exists()
+    status, out, _ = command("compare", "twin", "--methods", "clsrivc", "--json", "-")
+    assert list(json.loads(out)) == ["transfer_functions"]
+
+
 def test_demo_writes_one_page(command, tmp_path):
     status, out, err = command("demo", "--out", tmp_path / "d", "--json", tmp_path / "d.json")
     assert (status, err) == (0, "") and "Estimates against the truth" in out
@@ -256,6 +287,8 @@ FAULTS = {
     "no such parameters": (["simulate", "twin", "--theta", "none.json"], "No such file"),
     "empty methods": (["compare", "twin", "--methods", ","], "--methods is empty"),
     "wrong method in a list": (["compare", "twin", "--methods", "idim-ls,x"], "'x' is unknown"),
+    "the known methods": (["compare", "twin", "--methods", "x"], "nsga2, srivc, rivc, clsrivc"),
+    "no parameters": (["identify", "twin", "--method", "srivc"], "compare with --methods srivc"),
     "no such hold-out": (["compare", "twin", "--holdout", "none.csv"], "none.csv"),
     "JSON into a file as folder": (["axis", "emps", "--json", "/dev/null/x.json"], "cannot write"),
     "JSON onto a folder": (["axis", "emps", "--json", "."], "cannot write"),

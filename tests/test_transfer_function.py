@@ -166,6 +166,22 @@ def test_results_are_python_control_systems():
     assert "relative error" in repr(fit)
 
 
+def test_compare_sets_them_beside_the_parameters():
+    from ivtools.estimators.least_squares import IDIMLS
+    from ivtools.results import compare
+
+    problem = open_loop([0.37], [1.0, 4.0, 0.0])
+    fits = [IDIMLS().fit(problem), SRIVC(poles=2, integrators=1).fit(problem)]
+    both = compare(fits, holdout=problem.record, simulate=False)
+    assert list(both.frame.columns) == ["idim-ls"] and both.results == (fits[0],)
+    row = both.functions.frame().iloc[0]
+    assert row["holdout_error"] == pytest.approx(row["relative_error"]) and row["poles"] == 2
+    assert "Transfer functions" in both._repr_html_() and "inertia" in both._repr_html_()
+    alone = compare(fits[1:])
+    assert alone.results == () and len(alone.frame) == 0 and "srivc" in alone.summary()
+    assert "idim-ls" not in alone.summary() and alone.plot().axes
+
+
 def test_a_noise_model_makes_the_estimate_more_accurate():
     simple, refined = [], []
     for seed in range(6):

@@ -13,9 +13,14 @@ from ivtools.errors import EstimationError, IVToolsError
 
 if TYPE_CHECKING:
     from ivtools.estimators.base import Estimator
+    from ivtools.estimators.transfer_function import SRIVC
+    from ivtools.estimators.transfer_results import TransferFunctionResults
     from ivtools.loop import ClosedLoop
+    from ivtools.problem import Problem
     from ivtools.record import Record
     from ivtools.results import FitResults
+
+    Method = Estimator | SRIVC
 
 DEFAULT = ("idim-ls", "idim-iv", "idim-bciv", "didim")
 
@@ -24,7 +29,7 @@ DEFAULT = ("idim-ls", "idim-iv", "idim-bciv", "didim")
 class Fits:
     """What was finished, what failed, and whether somebody stopped it."""
 
-    done: list[FitResults]
+    done: list[FitResults | TransferFunctionResults]
     failed: list[str]
     interrupted: bool = False
 
@@ -35,7 +40,12 @@ def compare(
     holdout: options.Holdout = None,
     methods: Annotated[
         str | None,
-        typer.Option("--methods", metavar="LIST", help="Methods, separated by commas, or all."),
+        typer.Option(
+            "--methods",
+            metavar="LIST",
+            help="Methods, separated by commas, or all; srivc, rivc, clsrivc, sriv and rivbj are "
+            "transfer functions.",
+        ),
     ] = None,
     friction: Annotated[
         options.Frictions | None,
@@ -74,42 +84,63 @@ def compare(
         raise KeyboardInterrupt
 
 
-def _estimators(methods: str | None, cov: options.Covariance) -> list[Estimator]:
-    """Return the estimators of a comma-separated list."""
-    from ivtools.estimators.base import METHODS, estimator_class
+def _estimators(methods: str | None, cov: options.Covariance) -> list[Method]:
+    """Return the estimators of a list; a transfer-function method has one per structure."""
+    from ivtools.estimators.base import FUNCTIONS, METHODS, estimator_class
+    from ivtools.estimators.functions import function_cases
 
     names = list(DEFAULT)
     if methods is not None:
-        names = [name.strip() for name in methods.split(",") if name.strip()]
-        names = list(METHODS) if names == ["all"] else list(dict.fromkeys(names))
+        names = methods.replace(",", " ").split()
+        names = [*METHODS, *FUNCTIONS] if names == ["all"] else list(dict.fromkeys(names))
     if not names:
-        raise EstimationError(f"--methods is empty; use some of {', '.join(METHODS)}")
-    return [estimator_class(name)(cov_type=cov.value) for name in names]
+        known = ", ".join([*METHODS, *FUNCTIONS])
+        raise EstimationError(f"--methods is empty; use some of {known}")
+    estimators: list[Method] = []
+    for name in names:
+        if name in METHODS:
+            estimators.append(estimator_class(name)(cov_type=cov.value))
+        else:
+            estimators.extend(function_cases(name))
+    return estimators
 
 
 def _fit(
-    estimators: list[Estimator],
+    estimators: list[Method],
     record: Record,
     loop: ClosedLoop,
     friction: options.Frictions | None,
 ) -> Fits:
     """Fit every method to every model; one that fails is named and the others go on."""
+    fits, tasks = Fits([], []), _tasks(estimators, record, loop, friction)
+    with progress("identifying", len(tasks)) as advance:
+        try:
+            for estimator, problem in tasks:
+                try:
+                    fits.done.append(estimator.fit(problem))
+                except IVToolsError as error:
+                    fits.failed.append(f"{estimator.key}: {error}")
+                advance(estimator.key)
+        except KeyboardInterrupt:
+            fits.interrupted = True
+    return fits
+
+
+def _tasks(
+    estimators: list[Method],
+    record: Record,
+    loop: ClosedLoop,
+    friction: options.Frictions | None,
+) -> list[tuple[Method, Problem]]:
+    """Return what is fitted to what; transfer functions know no friction model."""
     from ivtools.cli.case import with_friction
+    from ivtools.estimators.base import FUNCTIONS
     from ivtools.problem import Problem
 
     both = ("symmetric", "asymmetric")
     models = both if friction == options.Frictions.BOTH else (friction,)
     problems = [Problem(record, with_friction(loop, model)) for model in models]
-    fits = Fits([], [])
-    with progress("identifying", len(problems) * len(estimators)) as advance:
-        try:
-            for problem in problems:
-                for estimator in estimators:
-                    try:
-                        fits.done.append(estimator.fit(problem))
-                    except IVToolsError as error:
-                        fits.failed.append(f"{estimator.key}: {error}")
-                    advance(estimator.key)
-        except KeyboardInterrupt:
-            fits.interrupted = True
-    return fits
+    functions = [estimator for estimator in estimators if estimator.key in FUNCTIONS]
+    others = [estimator for estimator in estimators if estimator.key not in FUNCTIONS]
+    tasks = [(estimator, problem) for problem in problems for estimator in others]
+    return tasks + [(function, problems[0]) for function in functions]

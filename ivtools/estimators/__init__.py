@@ -19,6 +19,8 @@ _OTHERS = {
     "SRIV": "box_jenkins",
     "RIVBJ": "box_jenkins",
     "CLSRIVC": "closed_loop_srivc",
+    "FUNCTIONS": "base",
+    "function_cases": "functions",
     "search_structures": "structure",
     "DriveGain": "drive_gain",
 }

@@ -36,6 +36,15 @@ METHODS = {
 }
 """Method names of the command line, each with its module and class in `ivtools.estimators`."""
 
+FUNCTIONS = {
+    "srivc": "transfer_function:SRIVC",
+    "rivc": "box_jenkins:RIVC",
+    "clsrivc": "closed_loop_srivc:CLSRIVC",
+    "sriv": "box_jenkins:SRIV",
+    "rivbj": "box_jenkins:RIVBJ",
+}
+"""The same for the methods whose result is a transfer function, see `functions`."""
+
 
 @dataclass(frozen=True)
 class Estimator(ABC):
@@ -95,6 +104,11 @@ def estimator_class(key: str) -> type[Estimator]:
     >>> estimator_class("idim-ls")()
     IDIMLS(cov_type='hac')
     """
+    if key in FUNCTIONS:
+        raise EstimationError(
+            f"{key} gives a transfer function, which has no physical parameters; run compare with "
+            f"--methods {key}"
+        )
     if key not in METHODS:
         raise EstimationError(f"method {key!r} is unknown; use one of {', '.join(METHODS)}")
     module, name = METHODS[key].split(":")
