@@ -16,6 +16,7 @@ from .fit import Fit, gauss_newton, steps
 from .floor import Floor
 from .parity import Parity
 from .quantify import Shrink, quantify
+from .replica import Replica, replicas
 from .side import Side
 from .trial import ADEQUATE, Rules
 
@@ -87,6 +88,7 @@ def answer(
         chi=(float(np.mean(before)), float(np.mean(after))),
         name=name,
         replication=_replication(result),
+        replicas=_replicas(effects, result, checked, rules),
         traces=traces,
     )
 
@@ -175,6 +177,14 @@ def _parameters(result: Attribution) -> dict[str, dict[str, float]]:
 def _replication(result: Attribution) -> dict[str, tuple[float, float]]:
     one, two = (f.values for f in result.fits)
     return {n: (v, two[n]) for n, v in one.items() if "." in n and n in two}
+
+
+def _replicas(
+    effects: tuple[str, ...], result: Attribution, checked: tuple[Parity, ...], rules: Rules
+) -> tuple[Replica, ...]:
+    one, two = result.fits
+    sides = (one.fold.label, two.fold.label)
+    return replicas(effects, sides, (one.values, two.values), one.loop, checked, rules)
 
 
 def _ranking(result: Attribution, rules: Rules, energy: float) -> tuple[Ranked, ...]:

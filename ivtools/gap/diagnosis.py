@@ -18,6 +18,7 @@ from .floor import Floor
 from .locate import Region
 from .parity import Parity
 from .quantify import Shrink
+from .replica import Replica
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -113,6 +114,8 @@ class Diagnosis:
         Mean square of the whitened error before and after; 1 is the floor.
     replication : mapping
         Per parameter of a named effect, its value on either side.
+    replicas : tuple of Replica
+        Per named effect, whether the sides agree.
     """
 
     verdict: str
@@ -132,6 +135,7 @@ class Diagnosis:
     chi: tuple[float, float]
     name: str
     replication: dict[str, tuple[float, float]] = field(default_factory=dict)
+    replicas: tuple[Replica, ...] = ()
     traces: Traces | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -152,6 +156,7 @@ class Diagnosis:
             "findings": [f.text for f in self.findings],
             "gap": {"before": _number(self.chi[0]), "after": _number(self.chi[1])},
             "replication": {k: list(v) for k, v in self.replication.items()},
+            "replicates": {r.effect: r.to_dict() for r in self.replicas},
         }
 
     def summary(self) -> Text:
@@ -174,7 +179,9 @@ class Diagnosis:
             values = ", ".join(f"{k} {v:.4g}" for k, v in self.parameters.get(effect, {}).items())
             twins = self.ambiguous_with.get(effect, [])
             other = f"; not told from {', '.join(twins)}" if twins else ""
-            lines += wrap(f"{effect}: {values}{other}", 78, subsequent_indent="  ")
+            lines += _wrapped(f"{effect}: {values}{other}", "  ")
+            for replica in (r for r in self.replicas if r.effect == effect):
+                lines += _wrapped(f"  {replica.short}", "    ")
         if self.block:
             lines.append(f"block: {self.block}")
         if self.shrink:
@@ -218,3 +225,8 @@ class Diagnosis:
 def _number(x: float) -> float | None:
     """Return a number that JSON knows."""
     return float(x) if np.isfinite(x) else None
+
+
+def _wrapped(text: str, indent: str) -> list[str]:
+    """Break a line, but not the names of effects."""
+    return wrap(text, 78, subsequent_indent=indent, break_on_hyphens=False)

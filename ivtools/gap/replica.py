@@ -1,0 +1,171 @@
+"""Replica: whether a named effect shows the same on either side of the comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..loop import ClosedLoop
+from .candidates import PERIODIC
+from .parity import Parity
+from .trial import FIXED, Rules
+
+Pair = tuple[float | None, float | None]
+
+_PERCENT = {"kp", "kv", "velocity_filter", "added"}  # of a controller: relative errors
+
+
+@dataclass(frozen=True)
+class Replica:
+    """The values of a named effect on either side.
+
+    Parameters
+    ----------
+    effect : str
+    sides : tuple of str
+        The two records, or the two parts of one.
+    values : mapping
+        Per parameter, its value on either side; None where the side does not show it.
+    units : mapping
+        Unit of each parameter.
+    replicates : bool or None
+        Whether the sides agree; None if only one of them can show the effect.
+    """
+
+    effect: str
+    sides: tuple[str, str]
+    values: dict[str, Pair]
+    units: dict[str, str]
+    replicates: bool | None
+
+    @property
+    def text(self) -> str:
+        """The answer as a sentence."""
+        return f"{self.effect} {self.short}"
+
+    @property
+    def short(self) -> str:
+        """The sentence without its subject."""
+        said = {
+            True: "replicates in both directions",
+            False: "does not replicate, its values differ",
+            None: "shows on one side only",
+        }
+        one, two = self.sides
+        shown = (
+            f"{n} {self._value(n, 0)} on {one}, {self._value(n, 1)} on {two}" for n in self.values
+        )
+        return f"{said[self.replicates]}: {'; '.join(shown)}"
+
+    def _value(self, name: str, side: int) -> str:
+        value = self.values[name][side]
+        if value is None:
+            return "not seen"
+        if self.units[name] == "%":
+            return f"{100 * value:+.2g} %"
+        return f"{value:.4g} {self.units[name]}".rstrip()
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the JSON of the replica."""
+        sides = [{"side": s, **{n: v[i] for n, v in self.values.items()}}
+                 for i, s in enumerate(self.sides)]  # fmt: skip
+        return {"replicates": self.replicates, "sides": sides, "text": self.text}
+
+
+def replicas(
+    effects: Sequence[str],
+    sides: tuple[str, str],
+    values: tuple[Mapping[str, float], Mapping[str, float]],
+    loop: ClosedLoop,
+    checked: Sequence[Parity],
+    rules: Rules,
+) -> tuple[Replica, ...]:
+    """Compare the named effects between the sides.
+
+    Parameters
+    ----------
+    effects : sequence of str
+    sides : tuple of str
+        Names of the two sides.
+    values : tuple of mapping
+        Fitted parameters on either side.
+    loop : ClosedLoop
+        With the effects that were fitted.
+    checked : sequence of Parity
+        Of each record.
+    rules : Rules
+    """
+    found = []
+    for effect in effects:
+        own = [n for n in loop.parameters if n.startswith(f"{effect}.")]
+        if own:
+            found.append(_fitted(effect, sides, values, loop, own, rules))
+        elif len(checked) == 2:
+            found.append(_controller(effect, sides, checked, rules))
+    return tuple(found)
+
+
+def _fitted(
+    effect: str,
+    sides: tuple[str, str],
+    values: tuple[Mapping[str, float], Mapping[str, float]],
+    loop: ClosedLoop,
+    names: list[str],
+    rules: Rules,
+) -> Replica:
+    pairs = {n: (values[0][n], values[1][n]) for n in names if n not in FIXED}
+    units = {n: loop.parameters[n].unit_for(loop.joint) for n in pairs}
+    if effect in PERIODIC:  # its phase is a matter of where the record began
+        unit = units.get(f"{effect}.cosine", "")
+        pairs, units = _without_phase(effect, pairs), {**units, f"{effect}.amplitude": unit}
+    pairs = {n: p for n, p in pairs.items() if p != (0.0, 0.0)}
+    sizes = [n for n in pairs if n.endswith(".amplitude") or _linear(loop, n)] or list(pairs)
+    agree = _agree(np.array([pairs[n] for n in sizes]), rules)
+    short = {n: n.partition(".")[2] for n in pairs}
+    return Replica(
+        effect,
+        sides,
+        {short[n]: p for n, p in pairs.items()},
+        {short[n]: units[n] for n in pairs},
+        agree,
+    )
+
+
+def _linear(loop: ClosedLoop, name: str) -> bool:
+    return name in loop.parameters and bool(loop.parameters[name].linear)
+
+
+def _without_phase(
+    effect: str, pairs: Mapping[str, tuple[float, float]]
+) -> dict[str, tuple[float, float]]:
+    """Return amplitude and period instead of cosine and sine."""
+    waves = [pairs[f"{effect}.{n}"] for n in ("cosine", "sine")]
+    one, two = (float(np.hypot(waves[0][i], waves[1][i])) for i in (0, 1))
+    rest = {n: p for n, p in pairs.items() if n.partition(".")[2] not in ("cosine", "sine")}
+    return {f"{effect}.amplitude": (one, two), **rest}
+
+
+def _agree(x: np.ndarray, rules: Rules) -> bool:
+    """Whether two sets of values (n, 2) point the same way and are of similar size."""
+    x = x / np.maximum(np.max(np.abs(x), axis=1, keepdims=True), 1e-300)
+    dot = float(x[:, 0] @ x[:, 1])
+    ratios = [dot / max(float(x[:, i] @ x[:, i]), 1e-300) for i in (0, 1)]
+    return bool(rules.amplitude[0] <= min(ratios) and max(ratios) <= rules.amplitude[1])
+
+
+def _controller(
+    effect: str, sides: tuple[str, str], checked: Sequence[Parity], rules: Rules
+) -> Replica:
+    """Compare what the controllers of two records show."""
+    if effect == "saturation":
+        values: dict[str, Pair] = {"limit": (checked[0].limit, checked[1].limit)}
+    else:
+        names = sorted({n for p in checked for n in p.mismatch})
+        values = {n: (checked[0].mismatch.get(n), checked[1].mismatch.get(n)) for n in names}
+    both = np.array(
+        [[float(v) for v in p if v is not None] for p in values.values() if None not in p]
+    )
+    agree = _agree(both, rules) if len(both) else None
+    return Replica(effect, sides, values, {n: "%" if n in _PERCENT else "" for n in values}, agree)
