@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
+from ..loop import Simulation
 from ..record import Record
+from . import periods
 from .fit import Fit
-from .response import Response, features
+from .fold import Fold
+from .response import Response, features, waves
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -56,7 +59,7 @@ class Floor:
     event_mask: Mask
 
 
-def measure(fit: Fit, response: Response, raw: Array, periods: tuple[float, ...]) -> Floor:
+def measure(fit: Fit, response: Response, raw: Array) -> Floor:
     """Measure the floor of a fold.
 
     Parameters
@@ -67,21 +70,22 @@ def measure(fit: Fit, response: Response, raw: Array, periods: tuple[float, ...]
         Of the command to a force.
     raw : ndarray, (n_samples,)
         Force error of that fit, N or N m.
-    periods : tuple of float
-        Spatial periods to take out, m or rad.
     """
-    fold = fit.fold
-    columns = response(features(fold.simulate(fit.loop, fit.values), periods))
-    keep = fold.keep
+    fold, keep = fit.fold, fit.fold.keep
     dt = fold.record.dt
+    simulation = fold.simulate(fit.loop, fit.values)
+    columns = response(features(simulation))
     rest = _project(columns, fit, raw, keep)
-    whitener = np.ones(1)
-    for _ in range(2):
+    for first in (True, False):
         quiet = _quiet(rest, keep, dt)
         whitener = _autoregression(rest, quiet)
-        white = replace(fold, whitener=whitener, keep=np.ones(len(rest), dtype=bool)).white(rest)
+        white = signal.lfilter(whitener, [1.0], rest)
         scale = _level(white, keep, dt)
         whitener = whitener / scale
+        if first:  # lines over position would pass for coloured noise
+            columns = np.column_stack(
+                [columns, response(_lines(fold, response, rest, whitener, simulation))]
+            )
         rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt))
     white = signal.lfilter(whitener, [1.0], rest)
     mask = events(white, keep, dt)
@@ -95,6 +99,15 @@ def measure(fit: Fit, response: Response, raw: Array, periods: tuple[float, ...]
         events=stretches(mask, fold.record.t),
         event_mask=mask,
     )
+
+
+def _lines(
+    fold: Fold, response: Response, rest: Array, whitener: Array, simulation: Simulation
+) -> Array:
+    """Return waves over position at the strongest periods, plain, by load and by speed."""
+    fold = replace(fold, whitener=whitener)
+    found = periods.search(fold, response, fold.white(rest), simulation, count=1)
+    return waves(simulation, found)
 
 
 def _project(columns: Array, fit: Fit, raw: Array, keep: Mask) -> Array:

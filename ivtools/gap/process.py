@@ -164,7 +164,7 @@ def _measure(record: Record, checked: Parity) -> Measured:
     step = steps(fold, loop, scales)
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
     fit = gauss_newton(fold, loop, values, free, step)
-    level = floor.measure(fit, heard, fold.force_error(loop, fit.values), ())
+    level = floor.measure(fit, heard, fold.force_error(loop, fit.values))
     fold = replace(fold, whitener=level.whitener)
     fit = gauss_newton(fold, loop, fit.values, free, step)
     return Measured(Side(fold, heard, scales), fit, level, checked)

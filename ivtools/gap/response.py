@@ -7,7 +7,7 @@ pair of simulations then serves every effect in the screening, and any smooth fo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -76,7 +76,7 @@ def measure(loop: ClosedLoop, record: Record, values: Mapping[str, float]) -> Re
     return Response(impulse, record.n_samples)
 
 
-def features(simulation: Simulation, extra_periods: tuple[float, ...] = ()) -> Array:
+def features(simulation: Simulation) -> Array:
     """Return smooth force laws of speed, position, load, reversal and time, (n_samples, m).
 
     What they can absorb is a gap that some law of the state would explain, known or not; what they
@@ -86,8 +86,6 @@ def features(simulation: Simulation, extra_periods: tuple[float, ...] = ()) -> A
     ----------
     simulation : Simulation
         Noise-free motion and force.
-    extra_periods : tuple of float
-        Spatial periods, m or rad, that enter as cosine and sine.
     """
     q, dq, tau = simulation.q[:, 0], simulation.dq[:, 0], simulation.tau[:, 0]
     dt = float(simulation.t[1] - simulation.t[0])
@@ -99,10 +97,35 @@ def features(simulation: Simulation, extra_periods: tuple[float, ...] = ()) -> A
         *_reversal(dq, s, dt),
         *_slow(dq, s),
     ]
-    for p in extra_periods:
-        columns += [np.cos(2 * np.pi * q / p), np.sin(2 * np.pi * q / p)]
+    return _scaled(columns)
+
+
+def waves(simulation: Simulation, periods: Mapping[str, Sequence[float]]) -> Array:
+    """Return force laws periodic in position, (n_samples, m).
+
+    Parameters
+    ----------
+    simulation : Simulation
+        Noise-free motion and force.
+    periods : mapping
+        Spatial periods, m or rad, by the effect that has them: they enter as they are (cogging),
+        times the load (torque ripple), or times the speed squared (encoder eccentricity).
+    """
+    q, dq, tau = simulation.q[:, 0], simulation.dq[:, 0], simulation.tau[:, 0]
+    sizes = {"cogging": np.ones(len(q)), "torque-ripple": tau, "encoder-eccentricity": dq**2}
+    return _scaled(
+        [
+            sizes[kind] * wave(2.0 * np.pi * q / p)
+            for kind, found in periods.items()
+            for p in found
+            for wave in (np.cos, np.sin)
+        ]
+    )
+
+
+def _scaled(columns: list[Array]) -> Array:
     matrix = np.column_stack(columns)
-    return matrix / np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+    return np.asarray(matrix / np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300))
 
 
 def _speed(dq: Array, s: Array) -> list[Array]:
