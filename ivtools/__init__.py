@@ -66,6 +66,7 @@ _NAMES = {
     "TestResult": "results",
     "compare": "results",
     **dict.fromkeys(_ESTIMATORS, "estimators"),
+    "drive_gain": "estimators.drive_gain",
     "Case": "study",
     "Study": "study",
     "diagnose": "gap",

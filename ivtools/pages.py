@@ -14,6 +14,7 @@ from ivtools.report import Page, Picture
 from ivtools.tables import Text
 
 if TYPE_CHECKING:
+    from ivtools.estimators.drive_gain_results import DriveGain
     from ivtools.loop import Simulation
     from ivtools.problem import Problem
     from ivtools.record import Record
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 FORCE_CAPTION = "Force measured and reconstructed; below, their difference."
 
 
-def fit_page(fit: FitResults) -> Page:
-    """Return the page of one result: estimates, tests, force."""
+def fit_page(fit: FitResults, gain: DriveGain | None = None) -> Page:
+    """Return the page of one result: estimates, tests, force; the drive gain if it was sought."""
     problem = fit.problem
     assert problem is not None  # every estimator keeps its problem
     out = Page(
@@ -32,6 +33,10 @@ def fit_page(fit: FitResults) -> Page:
         f"Parameters of {problem.loop.name} identified from {problem.record!r}.",
     )
     out.add("Estimates", tables=[fit.summary()], figures=[force_picture(fit)])
+    if gain is not None:
+        caption = "The drive gain, with its 95 % interval."
+        picture = Picture("drive-gain", plots.drive_gain(gain), caption)
+        out.add("Drive gain", tables=[gain.summary()], figures=[picture])
     tests = "\n".join(str(test) for test in fit.tests().values())
     out.add("Tests", *problem.record.notes, tables=[Text(tests)])
     return out

@@ -22,7 +22,7 @@ _OTHERS = {
     "FUNCTIONS": "base",
     "function_cases": "functions",
     "search_structures": "structure",
-    "DriveGain": "drive_gain",
+    "DriveGain": "drive_gain_results",
 }
 
 __all__ = ["METHODS", "Estimator", "reduce", *_CLASSES, *_OTHERS]  # noqa: PLE0604

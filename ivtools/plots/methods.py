@@ -21,7 +21,7 @@ from ivtools.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ivtools.estimators.drive_gain import DriveGain
+    from ivtools.estimators.drive_gain_results import DriveGain
     from ivtools.estimators.feasible_set import Array, FeasibleSet
     from ivtools.estimators.pareto_front import ParetoFront
     from ivtools.estimators.transfer_results import TransferFunctionResults
@@ -165,7 +165,7 @@ def drive_gain(found: DriveGain, *, width_mm: float = WIDTH_MM) -> Sheet:
     Examples
     --------
     >>> import pandas as pd
-    >>> from ivtools.estimators.drive_gain import DriveGain
+    >>> from ivtools.estimators.drive_gain_results import DriveGain
     >>> none = pd.Series(dtype=float)
     >>> gain = DriveGain(35.0, 0.1, none, none, 20.0, 35.1, 1.0, 100, np.full(40, 35.0))
     >>> len(drive_gain(gain).axes)
@@ -179,7 +179,10 @@ def drive_gain(found: DriveGain, *, width_mm: float = WIDTH_MM) -> Sheet:
         ax.axhline(found.gain, color=COLOURS["model"], label="estimate")
         ax.axhline(found.stated, color=COLOURS["truth"], ls="--", lw=0.7, label="axis file")
         ax.plot(found.replicates, ".", color=COLOURS["error"], ms=3)
-        ax.set_xlabel("Block of rows left out")
+        if len(found.replicates):
+            ax.set_xlabel("Block of rows left out")
+        else:
+            ax.set_xticks([])
         ax.set_ylabel(f"Drive gain ({found.unit})")
         legend_above(ax)
     return figure
