@@ -189,7 +189,7 @@ def _replicas(
 
 def _ranking(result: Attribution, rules: Rules, energy: float) -> tuple[Ranked, ...]:
     gap = energy / (1.0 + energy)  # the reducible part of the whitened energy
-    fitted = {t.term.name: t for t in result.trials}
+    fitted = {t.name: t for t in result.trials}
     ranked = []
     for name, share in result.scores.items():
         trial = fitted.get(name)
@@ -229,7 +229,7 @@ def _changed(result: Attribution) -> bool:
 
 def _advice(result: Attribution) -> list[str]:
     lines = []
-    fits = {t.term.name: t.fits[0] for t in result.trials}
+    fits = {t.name: t.fits[0] for t in result.trials}
     for name, others in result.ambiguous.items():
         for other in others:
             if name in fits and other in fits:

@@ -23,6 +23,8 @@ from .trial import ADEQUATE, DENSE, Rules, Trial, attempt, frozen
 
 Array = NDArray[np.float64]
 
+_ROUGH = 0.1  # share of a record that smooth laws do not explain
+
 
 @dataclass(frozen=True, eq=False)
 class Attribution:
@@ -78,21 +80,23 @@ def attribute(
     """
     fits, held = base, base
     named: list[str] = []
+    alike: set[str] = set()
     ambiguous: dict[str, list[str]] = {}
     first: tuple[Trial, ...] = ()
     scores: dict[str, float] = {}
     while len(named) < rules.most:
         found = _screened(sides, fits, library(fits[0].loop, extra, without))
-        tried, good = _tried(sides, base, fits, held, found, rules)
-        first, scores = (first, scores) if named else (tuple(tried), _shares(found))
+        tried = _tried(sides, fits, held, found, rules)
+        shares = _shares(found)
+        first, scores = (first, scores) if named else (tuple(tried), shares)
+        good = [t for t in tried if t.passes(rules) and t.worth(base, rules, t.name in alike)]
         if not good:
             break
         best = max(good, key=lambda t: t.share)
-        named.append(best.term.name)
-        ambiguous[best.term.name] = [
-            t.term.name
-            for t in good
-            if t is not best and t.share >= (1.0 - rules.margin) * best.share
+        named.append(best.name)
+        alike |= {n for n, share in shares.items() if share >= rules.alike * shares[best.name]}
+        ambiguous[best.name] = [
+            t.name for t in good if t is not best and t.share >= (1.0 - rules.margin) * best.share
         ]
         fits, held = best.fits, best.held
     kept, fits, held = _backward(sides, base, fits, held, named)
@@ -117,16 +121,16 @@ def _shares(found: tuple[dict[str, Score], ...]) -> dict[str, float]:
 
 def _tried(
     sides: tuple[Side, ...],
-    base: tuple[Fit, ...],
     fits: tuple[Fit, ...],
     held: tuple[Fit, ...],
     found: tuple[dict[str, Score], ...],
     rules: Rules,
-) -> tuple[list[Trial], list[Trial]]:
-    """Fit the best of the screening; return all trials, and those that earn a name.
+) -> list[Trial]:
+    """Fit the best of the screening.
 
-    The screening, of first order, does not see the narrow valley of a `DENSE` effect: those are
-    searched as well where everything else leaves a gap.
+    The screening, of first order, does not see the narrow valley of a `DENSE` effect. Those are
+    searched as well where everything else leaves a gap, and smooth laws of the state leave many
+    stretches of the record unexplained, as masses that move on their own do.
     """
     shares = _shares(found)
     chosen = [n for n in list(shares)[: rules.refit] if shares[n] > 0.4 * rules.share]
@@ -135,10 +139,10 @@ def _tried(
         with ThreadPoolExecutor(2) as pool:
             tasks = [[f[n] for f in found] for n in names]
             tried += pool.map(lambda scores: attempt(sides, fits, held, scores), tasks)
-        good = [t for t in tried if t.passes(rules) and t.worth(base, rules)]
-        if min([_cost(held), *(_cost(t.held) for t in good)]) < ADEQUATE:
+        left = min([_cost(held), *(_cost(t.held) for t in tried if t.passes(rules))])
+        if left < ADEQUATE or max(s.rough for s in sides) < _ROUGH:
             break
-    return tried, good
+    return tried
 
 
 def _cost(fits: tuple[Fit, ...]) -> float:
@@ -184,7 +188,7 @@ def _pvalues(trials: tuple[Trial, ...], draws: int = 500) -> dict[str, float]:
         signs = rng.choice([-1.0, 1.0], size=(draws, scores.shape[1]))
         size = np.maximum(np.linalg.norm(scores, axis=1), 1e-300)
         worst = np.maximum(worst, np.max(np.abs(signs @ scores.T) / size, axis=1))
-    return {t.term.name: float(np.mean(worst >= max(np.min(t.t), 0.0))) for t in trials}
+    return {t.name: float(np.mean(worst >= max(np.min(t.t), 0.0))) for t in trials}
 
 
 def _scores(before: Fit, held: Fit) -> Array:

@@ -167,7 +167,8 @@ def _measure(record: Record, checked: Parity) -> Measured:
     level = floor.measure(fit, heard, fold.force_error(loop, fit.values))
     fold = replace(fold, whitener=level.whitener)
     fit = gauss_newton(fold, loop, fit.values, free, step)
-    return Measured(Side(fold, heard, scales), fit, level, checked)
+    rough = float(np.mean(level.event_mask))
+    return Measured(Side(fold, heard, scales, rough), fit, level, checked)
 
 
 def _sides(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit, ...]]:

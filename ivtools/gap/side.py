@@ -24,6 +24,8 @@ class Side:
     response : Response
         Of the command to a force.
     scales : Scales
+    rough : float
+        Share of the record that no smooth law of the state explains.
     simulated : dict
         Change of the force error, N or N m, (n_samples,), by effect and starting point: what the
         screening has simulated once and need not again.
@@ -32,4 +34,5 @@ class Side:
     fold: Fold
     response: Response
     scales: Scales
+    rough: float = 0.0
     simulated: dict[tuple[object, ...], Array] = field(default_factory=dict)

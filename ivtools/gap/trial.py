@@ -51,6 +51,8 @@ class Rules:
         Least share of the whole gap that a further effect removes, or
     rest : float
         of what the effects before it have left.
+    alike : float
+        Share of the best effect's screening from which another one is alike to it.
     """
 
     share: float = 0.035
@@ -61,6 +63,7 @@ class Rules:
     most: int = 4
     further: float = 0.05
     rest: float = 0.5
+    alike: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +86,11 @@ class Trial:
     held: tuple[Fit, ...]
     own_before: tuple[Fit, ...]
     before: tuple[Fit, ...]
+
+    @property
+    def name(self) -> str:
+        """Identifier of the effect."""
+        return self.term.name
 
     @property
     def shares(self) -> Array:
@@ -122,14 +130,17 @@ class Trial:
             and np.max(self.amplitudes[:, 0]) <= rules.amplitude[1]
         )
 
-    def worth(self, base: tuple[Fit, ...], rules: Rules) -> bool:
+    def worth(self, base: tuple[Fit, ...], rules: Rules, alike: bool) -> bool:
         """Whether it removes a material part of the whole gap, or most of what is left of it.
 
         The second lets a small effect be named beside a large one where the two are all there is;
-        before a strong background it takes the first.
+        before a strong background it takes the first, as for an effect that is `alike` to one
+        that is named: what that one leaves may be the form of its law.
         """
         gain = np.mean([b.cost - h.cost for b, h in zip(self.before, self.held, strict=True)])
         whole, left = (np.mean([max(f.cost - 1.0, 0.0) for f in fs]) for fs in (base, self.before))
+        if alike:
+            return bool(gain > rules.further * whole)
         return bool(gain > min(rules.further * whole, rules.rest * left))
 
 
@@ -138,7 +149,16 @@ def attempt(
 ) -> Trial:
     """Fit an effect on each fold, and judge it on the other."""
     new = tuple(_extended(s, f, score) for s, f, score in zip(sides, fits, scores, strict=True))
+    if scores[0].term.name in DENSE:  # either side may have found the deeper valley
+        new = (_deeper(sides[0], *new), _deeper(sides[1], *new[::-1]))
     return Trial(scores[0].term, new, frozen(sides, new), fits, before)
+
+
+def _deeper(side: Side, own: Fit, other: Fit) -> Fit:
+    """Return the better of a fit and one that starts at the values of the other fold."""
+    step = steps(side.fold, own.loop, side.scales)
+    again = gauss_newton(side.fold, own.loop, other.values, own.free, step)
+    return min(own, again, key=lambda f: f.cost)
 
 
 def frozen(sides: tuple[Side, ...], fits: tuple[Fit, ...]) -> tuple[Fit, ...]:
