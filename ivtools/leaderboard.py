@@ -17,6 +17,7 @@ import pandas as pd
 
 from ivtools.errors import ConvergenceWarning, IVToolsError
 from ivtools.estimators.base import Estimator, estimator_class
+from ivtools.estimators.closed_loop_srivc import CLSRIVC
 from ivtools.estimators.output_error import open_loop
 from ivtools.estimators.transfer_function import SRIVC
 from ivtools.problem import Problem
@@ -38,7 +39,8 @@ NOTES = (
     "last two columns say how each model does under the controller that the axis really has.",
     "mm: free run from the recorded command to the position, after 20 samples; %: closed loop from "
     "the reference, relative errors of position and force on the test record. OLOE is trained on "
-    "the free run itself; * decimated by 10.",
+    "the free run itself, and a fit that has not converged says so; n/m/k are poles, zeros, "
+    "integrators; * decimated by 10.",
     "measured: figures of other programs run side by side on the same records; read: figures that "
     "their authors state.",
 )
@@ -61,6 +63,8 @@ class Entry:
         Relative errors in closed loop on the test record, in %; NaN if the model has no loop.
     seconds : float
         Duration of the fit.
+    converged : bool
+        Whether the fit met its tolerance; a row that did not is marked.
     """
 
     model: str
@@ -70,6 +74,12 @@ class Entry:
     position: float = math.nan
     force: float = math.nan
     seconds: float = math.nan
+    converged: bool = True
+
+    @property
+    def label(self) -> str:
+        """The model, marked if its fit has not converged."""
+        return self.model if self.converged else f"{self.model} (not converged)"
 
 
 OTHERS = (
@@ -91,8 +101,10 @@ OURS: Mapping[str, tuple[str | SRIVC, tuple[str, ...]]] = {
     "OLOE symmetric": ("oloe", ()),
     "OLOE asymmetric": ("oloe", ASYMMETRIC),
     "DIDIM asymmetric, polynomial": ("didim", (*ASYMMETRIC, "polynomial-viscous")),
-    "SRIVC, 2 poles, 1 integrator": (SRIVC(poles=2, integrators=1), ()),
-    "SRIVC, 4 poles, 2 zeros": (SRIVC(poles=4, zeros=2), ()),
+    "SRIVC 2/0/1": (SRIVC(poles=2, integrators=1), ()),
+    "CLSRIVC 2/0/1": (CLSRIVC(poles=2, integrators=1), ()),
+    "SRIVC 2/1/0": (SRIVC(poles=2, zeros=1), ()),
+    "SRIVC 4/2/0": (SRIVC(poles=4, zeros=2), ()),
 }
 """Our models: method and terms (none: those of the axis)."""
 
@@ -118,7 +130,7 @@ class Leaderboard:
         """Return a table of at most 80 columns."""
         header = ["model", "source", "test, mm", "train, mm", "pos., %", "force, %"]
         rows = [
-            [e.model, e.source, *(_cell(v) for v in (e.rmse_mm, e.train_mm, e.position, e.force))]
+            [e.label, e.source, *(_cell(v) for v in (e.rmse_mm, e.train_mm, e.position, e.force))]
             for e in self.entries
         ]
         return table("EMPS leaderboard", [], header, rows, self.notes)
@@ -140,7 +152,7 @@ class Leaderboard:
                  "closed-loop force, % |", "|---|---|---|---|---|---|"]  # fmt: skip
         for e in self.entries:
             cells = [_cell(v) for v in (e.rmse_mm, e.train_mm, e.position, e.force)]
-            lines.append(f"| {' | '.join([e.model, e.source, *cells])} |")
+            lines.append(f"| {' | '.join([e.label, e.source, *cells])} |")
         command = "Made by `ivtools benchmark leaderboard --out benchmarks/results`."
         return "\n".join([command, "", *lines, "", *(f"- {note}" for note in self.notes), ""])
 
@@ -220,6 +232,7 @@ def _entry(label: str, method: str | Estimator | SRIVC, problem: Problem, test: 
         errors.get("position", math.nan),
         errors.get("force", math.nan),
         fit.runtime,
+        bool(fit.converged),
     )
 
 
@@ -229,7 +242,14 @@ def _black_box(label: str, fit: TransferFunctionResults, problem: Problem, test:
     for name, record in (("test", test), ("train", problem.record)):
         nu, q = problem.loop.command(record)[:, 0], record.q[:, 0]
         free[name] = rms_mm(q, fit.simulate(nu, record.dt, float(q[0])))
-    return Entry(label, "ours", free["test"], free["train"], seconds=fit.runtime)
+    return Entry(
+        label,
+        "ours",
+        free["test"],
+        free["train"],
+        seconds=fit.runtime,
+        converged=bool(fit.converged),
+    )
 
 
 def _parameters(fit: FitResults) -> dict[str, float]:

@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ivtools import axes
+from ivtools.estimators.input_error import DIDIM
 from ivtools.estimators.least_squares import IDIMLS
 from ivtools.leaderboard import OTHERS, OURS, free_run, leaderboard, rms_mm
 from ivtools.problem import Problem
@@ -57,6 +58,17 @@ def test_a_model_that_cannot_be_fitted_is_a_note(emps, emps_pulses):
     board = leaderboard(emps, emps_pulses, axes.emps(), models, others=())
     assert [entry.model for entry in board.entries] == ["LS"]
     assert any(note.startswith("none: method 'no-such'") for note in board.notes)
+
+
+def test_a_fit_that_has_not_converged_is_marked(emps, emps_pulses):
+    models = {"DIDIM cut short": (DIDIM(max_iter=1), ()), "LS": ("idim-ls", ())}
+    board = leaderboard(emps, emps_pulses, axes.emps(), models, others=())
+    assert board.frame().set_index("model")["converged"].to_dict() == {
+        "DIDIM cut short": False, "LS": True}  # fmt: skip
+    for text in (str(board.summary()), board.to_markdown()):
+        assert "DIDIM cut short (not converged)" in text and "LS (not" not in text
+    rows = {row["model"]: row["converged"] for row in board.to_dict()["models"]}
+    assert rows == {"DIDIM cut short": False, "LS": True}
 
 
 @pytest.mark.slow

@@ -152,7 +152,7 @@ def leaderboard(board: Leaderboard, *, width_mm: float = 1.5 * WIDTH_MM) -> Shee
             mine = [i for i in at if entries[i].source == source]
             left.barh(mine, [entries[i].rmse_mm for i in mine], color=colour, label=source)
             right.barh(mine, np.nan_to_num([entries[i].force for i in mine]), color=colour)
-        left.set_yticks(at, [entry.model for entry in entries])
+        left.set_yticks(at, [entry.label for entry in entries])
         left.set_xlabel("Free run (mm)")
         right.set_xlabel("Force in closed loop (%)")
         legend_above(left)
