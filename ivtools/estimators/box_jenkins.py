@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ivtools.errors import EstimationError
 from ivtools.estimators.continuous import Hold
 from ivtools.estimators.noise import Criterion, NoiseModel
 from ivtools.estimators.transfer_function import SRIVC, Model
@@ -30,7 +32,8 @@ class RIVC(SRIVC):
     poles, zeros, integrators, input, output, offset, hold, start, tol, max_iter
         See `SRIVC`.
     noise : {"ar", "arma"}
-        Kind of the noise model; its order by `criterion`.
+        Kind of the noise model; its order by `criterion`. Where the error drifts too far for a
+        stationary "arma" model it is "ar".
     criterion : {"bic", "aic"}
     max_order : int
         Largest order of the autoregression.
@@ -67,10 +70,16 @@ class RIVC(SRIVC):
         return model
 
     def _whitener(self, model: Model, u: Array, y: Array, dt: float) -> NoiseModel:
-        """Return the inverse of a noise model of the output error."""
+        """Return the inverse of a noise model of the output error.
+
+        An error that drifts too far for a stationary ARMA model has an autoregression instead.
+        """
         error = y - model.respond(u, dt, self.hold)
-        options: dict[str, Any] = {"kind": self.noise, "criterion": self.criterion}
-        return NoiseModel.fit(error - error.mean(), max_order=self.max_order, **options)
+        error = error - error.mean()
+        options: dict[str, Any] = {"criterion": self.criterion, "max_order": self.max_order}
+        with suppress(EstimationError):
+            return NoiseModel.fit(error, kind=self.noise, **options)
+        return NoiseModel.fit(error, kind="ar", **options)
 
 
 @dataclass(frozen=True)
