@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from ..loop import ClosedLoop
 from ..physics import Term
-from .candidates import library
+from .candidates import DENSE, library
 from .fit import Fit, gauss_newton, steps
 from .screen import Score, screen
 from .side import Side
-from .trial import ADEQUATE, DENSE, Rules, Trial, attempt, frozen
+from .trial import ADEQUATE, Rules, Trial, attempt, frozen
 
 Array = NDArray[np.float64]
 

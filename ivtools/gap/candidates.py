@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 #: Effects decided at the controller, or seen in time: not fitted by simulation.
 ELSEWHERE = ("saturation", "controller-mismatch", "disturbance")
+#: Effects with a second mass: many local minima, which take a dense scan; a loop has one of them.
+DENSE = ("flexibility", "backlash")
 #: Effects that nothing in this kind of record can separate share a name.
 PERIODIC = ("cogging", "torque-ripple", "encoder-eccentricity")
 
@@ -81,6 +83,8 @@ def library(
     present = {term.name for term in loop.terms}
     if "asymmetric-friction" in present:
         present.add("asymmetric-viscous")
+    if present & {*DENSE}:
+        present |= {*DENSE}
     terms = [*EFFECTS.values(), *extra]
     return [t for t in terms if t.name not in present and t.name not in (*ELSEWHERE, *without)]
 

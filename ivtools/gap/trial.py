@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics import Term
-from .candidates import PERIODIC, scans
+from .candidates import DENSE, PERIODIC, scans
 from .fit import Fit, gauss_newton, steps
 from .fold import Fold
 from .screen import Score
@@ -20,8 +20,6 @@ Array = NDArray[np.float64]
 
 #: Whitened energy over the floor below which nothing is missing.
 ADEQUATE = 1.12
-#: Effects with many local minima, which take a dense scan.
-DENSE = ("flexibility", "backlash")
 #: Nuisance parameters that stay at their usual value.
 FIXED = ("backlash.contact_hz", "backlash.damping", "presliding.damping")
 
