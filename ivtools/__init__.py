@@ -70,6 +70,7 @@ _NAMES = {
     "Case": "study",
     "Study": "study",
     "diagnose": "gap",
+    "diagnose_fleet": "gap",
 }
 
 __all__ = sorted([*_MODULES, *_NAMES])  # noqa: PLE0605

@@ -2,27 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from datetime import timedelta
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from ivtools.cli import options
-from ivtools.cli.output import show, write_json, writing
-
-if TYPE_CHECKING:
-    from ivtools.study import Progress
-
-
-class Backend(StrEnum):
-    """Where the repetitions run."""
-
-    LOKY = "loky"
-    THREADING = "threading"
-    DASK = "dask"
+from ivtools.cli.output import follow, show, write_json, writing
 
 
 def benchmark(
@@ -34,7 +20,9 @@ def benchmark(
     seeds: Annotated[
         int | None, typer.Option("--seeds", help="Repetitions; default: the study's own.")
     ] = None,
-    backend: Annotated[Backend, typer.Option("--backend", help="Where they run.")] = Backend.LOKY,
+    backend: Annotated[
+        options.Backend, typer.Option("--backend", help="Where they run.")
+    ] = options.Backend.LOKY,
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster.")
     ] = None,
@@ -49,7 +37,7 @@ def benchmark(
     study = load(name, seeds)
     rows = None if out is None else out / "rows"
     with writing(out or Path()):
-        study.run(jobs, backend.value, rows, scheduler, progress=_follow())
+        study.run(jobs, backend.value, rows, scheduler, progress=follow())
     score = study.score()
     texts: list[object] = [score]
     if out is not None:
@@ -58,22 +46,6 @@ def benchmark(
     if json is not None:
         write_json(score.to_dict(), json)
     show(*texts, json_file=json)
-
-
-def _follow() -> Any:
-    """Return a function that shows progress on a terminal, and None in a pipe."""
-    if not sys.stderr.isatty():
-        return None
-
-    def tell(progress: Progress) -> None:
-        share = progress.done / max(progress.total, 1)
-        bar = "#" * round(30 * share)
-        left = timedelta(seconds=round(progress.left))
-        text = f"\r[{bar:30}] {progress.done}/{progress.total} records, {left} left \033[K"
-        sys.stderr.write(text if progress.done < progress.total else "\r\033[K")
-        sys.stderr.flush()
-
-    return tell
 
 
 def _leaderboard(json: Path | None, out: Path | None) -> None:

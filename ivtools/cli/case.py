@@ -25,8 +25,16 @@ def load(
     axis: str | None = None,
     data: Path | None = None,
     friction: Friction | None = None,
+    known: bool = True,
 ) -> tuple[Record, ClosedLoop]:
     """Return the record and the loop that a command names.
+
+    Parameters
+    ----------
+    record, axis, data, friction
+        As on the command line.
+    known : bool
+        Whether a controller that is to be identified is, from the record.
 
     Raises
     ------
@@ -36,9 +44,9 @@ def load(
     from ivtools import datasets
     from ivtools.plausibility import doubts
 
-    loop = load_axis(axis or _own_axis(record))
+    loop = load_axis(axis or own_axis(record))
     found = datasets.load(record, data, None if record in datasets.REGISTRY else loop.columns)
-    loop = loop.known(found)
+    loop = loop.known(found) if known else loop
     for doubt in doubts(found, loop):
         warnings.warn(f"{found.name}: {doubt}", RecordWarning, stacklevel=2)
     return found, with_friction(loop, friction)
@@ -59,7 +67,7 @@ def load_axis(axis: str) -> ClosedLoop:
     return ClosedLoop.from_file(axis)
 
 
-def _own_axis(record: str) -> str:
+def own_axis(record: str) -> str:
     """Return the axis that a data set was recorded on."""
     from ivtools.registry import REGISTRY
 

@@ -1,31 +1,92 @@
-"""``ivtools diagnose``: what the simulation lacks."""
+"""``ivtools diagnose``: what the simulation lacks, of one record or of many."""
 
 from __future__ import annotations
 
+import glob
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
 from ivtools.cli import options
-from ivtools.cli.output import progress, show, write_json, writing
+from ivtools.cli.output import follow, progress, show, write_json, writing
+from ivtools.errors import DataError
+
+if TYPE_CHECKING:
+    from ivtools.gap import Fleet
+    from ivtools.loop import ClosedLoop
+    from ivtools.record import Record
+
+SUFFIXES = (".csv", ".csv.gz", ".parquet", ".mat")  # of the records of a folder
 
 
 def diagnose(
-    record: options.Record,
+    records: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RECORD...",
+            help="A csv, parquet or mat file, or emps, emps-pulses, twin; several, a pattern such "
+            "as 'logs/*.csv', or a folder, are diagnosed as a fleet.",
+        ),
+    ],
     axis: options.Axis = None,
     holdout: options.Holdout = None,
+    jobs: Annotated[
+        int, typer.Option("--jobs", help="Workers for a fleet; -1 is one per core.")
+    ] = -1,
+    backend: Annotated[
+        options.Backend, typer.Option("--backend", help="Where a fleet is diagnosed.")
+    ] = options.Backend.LOKY,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster.")
+    ] = None,
     data: options.Data = None,
     json: options.Json = None,
     out: options.Out = None,
 ) -> None:
-    """Name what separates the simulation from the record, and how far it can be closed."""
-    from ivtools import datasets
+    """Name what separates the simulation from a record, and how far it can be closed.
+
+    Several records are a fleet: one table, and with --out a page each, an overview and fleet.csv;
+    the same command again goes on where it was stopped. Status 0: every record was diagnosed, 1:
+    some could not be, 2: none could.
+    """
+    names, several = _expanded(records)
+    if not several:
+        return _one(names[0], axis, holdout, data, json, out)
+    from ivtools.gap import diagnose_fleet
+
+    loop = _loop(axis, names)
+    with writing(out or Path()):
+        fleet = diagnose_fleet(
+            names,
+            loop,
+            holdout,
+            path=out,
+            n_jobs=jobs,
+            backend=backend.value,
+            scheduler=scheduler,
+            data=data,
+            progress=follow(),
+        )
+    _tell(fleet, json, out)
+
+
+def _one(
+    name: str,
+    axis: str | None,
+    holdout: str | None,
+    data: Path | None,
+    json: Path | None,
+    out: Path | None,
+) -> None:
+    """Diagnose a single record."""
     from ivtools.cli.case import load
     from ivtools.gap import diagnose as find_gap
 
-    measured, loop = load(record, axis, data)
-    other = None
-    if holdout is not None:
-        columns = None if holdout in datasets.REGISTRY else loop.columns
-        other = datasets.load(holdout, data, columns)
-    with progress("diagnosing"):
-        gap = find_gap(measured, loop, holdout=other)
+    measured, loop = load(name, axis, data, known=False)
+    other = None if holdout is None else _holdout(holdout, data, loop)
+    with progress("diagnosing", 4) as advance:
+        gap = find_gap(measured, loop, holdout=other, progress=advance)
     texts: list[object] = [gap.summary()]
     if out is not None:
         with writing(out):
@@ -35,3 +96,56 @@ def diagnose(
     if json is not None:
         write_json(gap.to_dict(), json)
     show(*texts, json_file=json)
+
+
+def _holdout(name: str, data: Path | None, loop: ClosedLoop) -> Record:
+    from ivtools import datasets
+
+    return datasets.load(name, data, None if name in datasets.REGISTRY else loop.columns)
+
+
+def _loop(axis: str | None, names: list[str]) -> ClosedLoop:
+    """Return the axis of a fleet: that of the first record, if none is named."""
+    from ivtools.cli.case import load_axis, own_axis
+
+    return load_axis(axis or own_axis(names[0]))
+
+
+def _tell(fleet: Fleet, json: Path | None, out: Path | None) -> None:
+    """Print and write what was found, and end with a status that says whether it is all."""
+    if not fleet.done:
+        reasons = "; ".join(f"{e.name}: {e.error}" for e in fleet.failed[:3])
+        more = f"; and {len(fleet) - 3} more" if len(fleet) > 3 else ""
+        raise DataError(f"no record could be diagnosed: {reasons}{more}")
+    texts: list[object] = [fleet.summary()]
+    if out is not None:
+        texts.append(f"report: {out / 'index.html'}\ntable: {out / 'fleet.csv'}")
+    if json is not None:
+        write_json(fleet.to_dict(), json)
+    show(*texts, json_file=json)
+    if fleet.failed:
+        raise typer.Exit(1)
+
+
+def _expanded(records: list[str]) -> tuple[list[str], bool]:
+    """Return the records, patterns and folders opened, and whether they are a fleet.
+
+    Raises
+    ------
+    DataError
+        A pattern or a folder holds no record.
+    """
+    names: list[str] = []
+    several = len(records) > 1
+    for given in records:
+        if Path(given).is_dir():
+            found = sorted(str(f) for f in Path(given).iterdir() if f.name.endswith(SUFFIXES))
+            several, rule = True, f"a folder of records holds {', '.join(SUFFIXES)} files"
+        elif glob.has_magic(given) and not Path(given).exists():
+            found, rule = sorted(glob.glob(given)), "name a file, or another pattern"
+        else:
+            found, rule = [given], ""
+        if not found:
+            raise DataError(f"{given}: no file matches; {rule}")
+        names += found
+    return names, several or len(names) > 1

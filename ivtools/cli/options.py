@@ -27,6 +27,14 @@ class Frictions(StrEnum):
     BOTH = "both"
 
 
+class Backend(StrEnum):
+    """Where work is done."""
+
+    LOKY = "loky"
+    THREADING = "threading"
+    DASK = "dask"
+
+
 class Covariance(StrEnum):
     """Covariance of the estimates."""
 

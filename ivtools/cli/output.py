@@ -8,6 +8,7 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from ivtools.errors import DataError
 
 if TYPE_CHECKING:
     from ivtools.report import Page
+    from ivtools.workers import Progress
 
 STDOUT = Path("-")
 _FULL = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EMFILE)
@@ -34,7 +36,7 @@ def show(*texts: object, json_file: Path | None = None) -> None:
         typer.echo(text.encode(encoding, "replace").decode(encoding))
 
 
-def write_json(content: Mapping[str, Any], file: Path | None) -> None:
+def write_json(content: Mapping[str, Any] | Sequence[Any], file: Path | None) -> None:
     """Write a result for programs; what is not finite becomes null.
 
     Raises
@@ -122,3 +124,19 @@ def progress(what: str, total: int | None = None) -> Iterator[Any]:
             bar.update(task, advance=1, description=label or what)
 
         yield advance
+
+
+def follow() -> Any:
+    """Return a function that shows the progress of many records; None in a pipe."""
+    if not sys.stderr.isatty():
+        return None
+
+    def tell(progress: Progress) -> None:
+        share = progress.done / max(progress.total, 1)
+        bar = "#" * round(30 * share)
+        left = timedelta(seconds=round(progress.left))
+        text = f"\r[{bar:30}] {progress.done}/{progress.total} records, {left} left \033[K"
+        sys.stderr.write(text if progress.done < progress.total else "\r\033[K")
+        sys.stderr.flush()
+
+    return tell

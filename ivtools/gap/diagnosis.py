@@ -23,6 +23,8 @@ from .replica import Replica
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ..report import Page
+
 Array = NDArray[np.float64]
 
 VERDICTS = {
@@ -202,17 +204,15 @@ class Diagnosis:
 
         return gap(self)
 
+    def page(self) -> Page:
+        """Return the answer as a page, with figures."""
+        from .page import page
+
+        return page(self)
+
     def to_html(self, path: str | Path) -> Path:
         """Write one self-contained page."""
-        from ..plots import gap as figures
-        from ..report import Page, Picture
-
-        page = Page(f"Diagnosis of {self.name}", f"{self.verdict}: {VERDICTS[self.verdict]}.")
-        page.add("The answer", tables=[self.summary()])
-        if self.traces is not None:
-            pictures = [Picture(n, f(self), c) for n, f, c in figures.SET]
-            page.add("Where, which, how far", figures=pictures)
-        return page.write(path)
+        return self.page().write(path)
 
     def _repr_html_(self) -> str:
         return self.summary().html

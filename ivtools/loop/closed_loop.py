@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from math import isfinite, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 from numpy.typing import ArrayLike
 
 from ..errors import AxisError, RecordError
-from ..physics import Term, find
+from ..physics import TERMS, Term, find
 from ..pipeline import Pipeline
 from ..record import Record
 from .controllers import Controller
@@ -97,6 +97,11 @@ class ClosedLoop(Model):
                 raise AxisError(f"start value {key!r} is not a parameter; parameters: {known}")
             if isnan(self.start[key]):
                 raise AxisError(f"start value {key} is nan; give a number")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        state = [getattr(self, f.name) for f in fields(self) if f.name != "terms"]
+        terms = tuple(t.name if TERMS.get(t.name) is t else t for t in self.terms)
+        return _restored, (terms, *state)
 
     @classmethod
     def from_file(cls, path: str | Path) -> ClosedLoop:
@@ -357,3 +362,9 @@ class ClosedLoop(Model):
 _IDENTIFIED: WeakKeyDictionary[Record, dict[tuple[float, float], ControllerFit]] = (
     WeakKeyDictionary()
 )
+
+
+def _restored(terms: tuple[Term | str, ...], *state: Any) -> ClosedLoop:
+    """Return a pickled loop: its known terms came by name, as the engine knows them by identity."""
+    names = [f.name for f in fields(ClosedLoop) if f.name != "terms"]
+    return ClosedLoop(terms=terms, **dict(zip(names, state, strict=True)))  # type: ignore[arg-type]

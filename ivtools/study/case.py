@@ -15,7 +15,6 @@ from ivtools import __version__
 from ivtools.digest import digest, loop_text, seed_sequence
 from ivtools.errors import EstimationError, IVToolsError
 from ivtools.loop import ClosedLoop, Simulation
-from ivtools.physics import TERMS
 from ivtools.pipeline import Pipeline
 from ivtools.problem import Problem
 from ivtools.record import Record
@@ -226,8 +225,7 @@ class Case:
         return Record(t, q=q_ref, q_ref=q_ref, nu=q_ref, name=self.name)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        state = {f.name: getattr(self, f.name) for f in fields(self)}
-        return _restored, ({**state, "loop": _packed(self.loop), "fitted": _packed(self.fitted)},)
+        return Case, tuple(getattr(self, f.name) for f in fields(self))  # and nothing cached
 
 
 def _noise(rng: np.random.Generator, n: int, deviation: float, pole: float = 0.0) -> Array | None:
@@ -241,17 +239,3 @@ def _noise(rng: np.random.Generator, n: int, deviation: float, pole: float = 0.0
 
     white[1:] *= np.sqrt(1.0 - pole**2)
     return np.asarray(lfilter([1.0], [1.0, -pole], white))
-
-
-def _packed(loop: ClosedLoop | None) -> dict[str, Any] | None:
-    """Return a loop to be pickled: known terms by name, since the engine knows them by identity."""
-    if loop is None:
-        return None
-    state = {f.name: getattr(loop, f.name) for f in fields(loop)}
-    terms = tuple(t.name if TERMS.get(t.name) is t else t for t in loop.terms)
-    return {**state, "terms": terms}
-
-
-def _restored(state: dict[str, Any]) -> Case:
-    loops = {k: None if state[k] is None else ClosedLoop(**state[k]) for k in ("loop", "fitted")}
-    return Case(**{**state, **loops})

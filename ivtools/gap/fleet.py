@@ -1,0 +1,237 @@
+"""Fleet: the diagnoses of many records, side by side."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
+
+from ..tables import Text, table
+from .entry import FAILED, Entry
+from .shelf import PAGES, write
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from ..report import Page
+
+TABLE, OVERVIEW = "fleet.csv", "index.html"
+_HEADER = ("record", "verdict", "effects", "before", "after", "closed")
+_NAME, _EFFECTS, _REMARKS = 16, 21, 12  # columns of a name, of the effects; remarks shown
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """The diagnoses of many records.
+
+    Parameters
+    ----------
+    entries : tuple of Entry
+        One per record, in the order that they were given; ``fleet["name"]`` is one of them.
+    axis : str
+        Name of the model.
+    folder : Path or None
+        Where the pages are.
+    """
+
+    entries: tuple[Entry, ...]
+    axis: str
+    folder: Path | None = None
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __iter__(self) -> Iterator[Entry]:
+        return iter(self.entries)
+
+    def __getitem__(self, name: str) -> Entry:
+        return next(e for e in self.entries if e.name == name)
+
+    @property
+    def done(self) -> tuple[Entry, ...]:
+        """The entries that have a diagnosis."""
+        return tuple(e for e in self.entries if e.content is not None)
+
+    @property
+    def failed(self) -> tuple[Entry, ...]:
+        """The entries that have none."""
+        return tuple(e for e in self.entries if e.content is None)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the force error."""
+        return next((e.shrink["unit"] for e in self.entries if e.shrink), "N")
+
+    def frame(self) -> pd.DataFrame:
+        """Return one row per record: verdict, effects, force errors, and each parameter named.
+
+        The columns of parameters are called ``effect.parameter``; force errors are rms.
+        """
+        import pandas as pd
+
+        return pd.DataFrame([e.row() for e in self.entries])
+
+    def to_dict(self) -> list[dict[str, Any]]:
+        """Return one object per record: the JSON of ``ivtools diagnose``, with name and file."""
+        return [e.to_dict() for e in self.entries]
+
+    def summary(self) -> Text:
+        """Return the fleet as a table."""
+        rows = [row for e in self.entries for row in _rows(e)]
+        head = [*self._lines(), f"before and after: force error on held-out data, {self.unit} rms"]
+        made = table(self._title, head, _HEADER, rows, self._notes(), left=3)
+        return Text(made, self._html(f"{self.folder or '.'}/{PAGES}"))
+
+    @property
+    def _title(self) -> str:
+        plural = "s" if len(self) != 1 else ""
+        return f"Fleet of {self.axis}: {len(self)} record{plural}"
+
+    def _lines(self) -> list[str]:
+        """Return how many records have which verdict, and show which effect."""
+        verdicts = Counter(e.verdict for e in self.entries)
+        lines = ["verdicts: " + ", ".join(f"{v} {n}" for v, n in verdicts.most_common())]
+        for effect, parameters in self.effects().items():
+            count = sum(effect in e.effects for e in self.entries)
+            ranges = "; ".join(
+                f"{name} {_range(values)}" for name, values in parameters.items() if values
+            )
+            text = f"{effect}: named in {count} of {len(self)}{'; ' * bool(ranges)}{ranges}"
+            lines += wrap(text, 78, subsequent_indent="  ", break_on_hyphens=False)
+        return lines
+
+    def effects(self) -> dict[str, dict[str, list[float]]]:
+        """Return the values of every parameter of the effects that are named, most frequent first.
+
+        The phase of a periodic effect is left out: it differs from record to record.
+        """
+        counts = Counter(name for e in self.entries for name in e.effects)
+        found: dict[str, dict[str, list[float]]] = {name: {} for name, _ in counts.most_common()}
+        for entry in self.done:
+            assert entry.content is not None
+            for effect, values in entry.content["parameters"].items():
+                for parameter, value in values.items():
+                    if parameter not in ("cosine", "sine"):
+                        found.setdefault(effect, {}).setdefault(parameter, []).append(value)
+        return found
+
+    def _notes(self) -> list[str]:
+        told = [f"{e.name}: {e.remark}" for e in self.entries if e.remark]
+        notes = told[:_REMARKS]
+        if len(told) > _REMARKS:
+            notes.append(f"... and {len(told) - _REMARKS} more records with remarks")
+        reused = sum(e.reused for e in self.entries)
+        if reused:
+            notes.append(f"{reused} of {len(self)} were diagnosed before: not computed again")
+        if self.done and not any(e.judged_by for e in self.entries):
+            notes.append("no hold-out: the stretches of each record judged each other")
+        return notes
+
+    def stopped(self, asked: int) -> str:
+        """Return what to say when a run ends early."""
+        text = f"interrupted with {len(self.done)} of {asked} records diagnosed"
+        if self.folder is None:
+            return f"{text}; with a folder (--out) the next run would go on from there"
+        return f"{text}; they are in {self.folder}, and the same command goes on from there"
+
+    # --- pages -----------------------------------------------------------------------------------
+
+    def plot(self) -> Figure:
+        """Return the effects by record, and the force error before and after."""
+        from ..plots.fleet import fleet
+
+        return fleet(self)
+
+    def page(self, links: str = PAGES) -> Page:
+        """Return the overview; `links` is the folder of the pages, seen from it."""
+        from ..report import Page, Picture
+
+        lead = "; ".join(self._lines()[:1])
+        out = Page(self._title, f"{lead[:1].upper()}{lead[1:]}.")
+        caption = (
+            "Effects by record, and the force error on held-out data before (grey) and after "
+            "(brown) they are in the model, with its 95 % interval and the floor (green)."
+        )
+        pictures = [Picture("fleet", self.plot(), caption)] if self.done else []
+        text = Text(str(self.summary()), self._html(links))
+        out.add("The fleet at a glance", figures=pictures)
+        out.add("Records", tables=[text])
+        return out
+
+    def to_html(self, path: str | Path) -> Path:
+        """Write the overview as one page, which links to those of the records."""
+        return self.page().write(path)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the table and the overview into a folder, and return the overview."""
+        folder = Path(folder)
+        write(folder / TABLE, self.frame().to_csv(index=False, float_format="%.6g"))
+        return self.to_html(folder / OVERVIEW)
+
+    def _html(self, links: str) -> str:
+        """Return the table as HTML, with links to the pages."""
+        head = "".join(f"<p>{escape(line)}</p>" for line in _joined(self._lines()))
+        names = (*_HEADER[:3], f"before, {self.unit}", f"after, {self.unit}", "closed", "remark")
+        header = "".join(f'<th style="text-align:left">{escape(n)}</th>' for n in names)
+        body = "".join(f"<tr>{_cells(e, links)}</tr>" for e in self.entries)
+        return (
+            f'<div class="ivtools">{head}<table><thead><tr>{header}</tr></thead>'
+            f"<tbody>{body}</tbody></table></div>"
+        )
+
+    def _repr_html_(self) -> str:
+        return self.summary().html
+
+    def __repr__(self) -> str:
+        return f"{self._title}, {len(self.failed)} failed"
+
+
+def _joined(lines: Sequence[str]) -> list[str]:
+    """Return wrapped lines as whole ones."""
+    whole: list[str] = []
+    for line in lines:
+        if line.startswith("  ") and whole:
+            whole[-1] += " " + line.strip()
+        else:
+            whole.append(line)
+    return whole
+
+
+def _rows(entry: Entry) -> list[tuple[str, ...]]:
+    """Return the rows of an entry: effects that do not fit go on below."""
+    name = entry.name if len(entry.name) <= _NAME else f"{entry.name[: _NAME - 1]}~"
+    effects = wrap(", ".join(entry.effects), _EFFECTS, break_on_hyphens=False) or [""]
+    first = (name, entry.verdict, effects[0], *_figures(entry))
+    return [first, *(("", "", more, "", "", "") for more in effects[1:])]
+
+
+def _figures(entry: Entry) -> tuple[str, str, str]:
+    s = entry.shrink
+    if not s:
+        return "", "", ""
+    return f"{s['before']:.3g}", f"{s['after']:.3g}", f"{100 * s['closed']:.0f} %"
+
+
+def _cells(entry: Entry, links: str) -> str:
+    name = escape(entry.name)
+    if entry.page is not None:
+        name = f'<a href="{escape(links, quote=True)}/{escape(entry.page.name)}">{name}</a>'
+    before, after, closed = _figures(entry)
+    cells = [entry.verdict, ", ".join(entry.effects), before, after, closed, entry.remark]
+    colour = ' style="color:#a03c00"' if entry.verdict == FAILED else ""
+    return f"<td>{name}</td><td{colour}>{escape(cells[0])}</td>" + "".join(
+        f"<td>{escape(cell)}</td>" for cell in cells[1:]
+    )
+
+
+def _range(values: Sequence[float]) -> str:
+    ordered = sorted(values)
+    middle = ordered[len(ordered) // 2]
+    if len(ordered) == 1:
+        return f"{middle:.3g}"
+    return f"{middle:.3g} [{ordered[0]:.3g}, {ordered[-1]:.3g}]"

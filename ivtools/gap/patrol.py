@@ -1,0 +1,217 @@
+"""Patrol: the diagnosis of many records of one kind of axis, in parallel and resumable."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+from .. import __version__
+from ..digest import digest, loop_text
+from ..errors import IVToolsError
+from ..loop import ClosedLoop
+from ..physics import Term
+from ..record import Record
+from ..workers import Backend, Clock, Progress, known, outcomes, packed, quiet
+from .diagnosis import Diagnosis
+from .entry import Entry
+from .fleet import Fleet
+from .process import diagnose
+from .shelf import Shelf
+from .source import Given, Source, sources
+from .trial import Rules
+
+
+class _Job(NamedTuple):
+    """A record that is to be diagnosed: its entry so far, and the key of its result."""
+
+    source: Source
+    entry: Entry
+    key: str
+    holdout: Record | None
+
+
+def diagnose_fleet(
+    records: Iterable[Given],
+    loop: ClosedLoop,
+    holdout: Given | None = None,
+    *,
+    path: str | Path | None = None,
+    n_jobs: int = -1,
+    backend: Backend = "loky",
+    scheduler: str | None = None,
+    rules: Rules | None = None,
+    extra: Sequence[Term] = (),
+    without: Sequence[str] = (),
+    data: str | Path | None = None,
+    progress: Callable[[Progress], object] | None = None,
+) -> Fleet:
+    """Diagnose many records with one model: of a fleet of axes, or of one axis over the years.
+
+    Parameters
+    ----------
+    records : iterable of Record, path or name of a data set
+        A file that cannot be used becomes a row with the reason; the others go on.
+    loop : ClosedLoop
+        The model that is meant to be the twin of each.
+    holdout : Record, path or name of a data set, optional
+        Judges every record. Without it each record judges itself, stretch against stretch; so
+        does the hold-out where it is among the records.
+    path : str or Path, optional
+        Folder that finished diagnoses go to, a page and a JSON file each, with an overview. A
+        later run with the same folder does not repeat what has the same content of the record
+        and the hold-out, loop, rules and version of ivtools.
+    n_jobs : int
+        Workers; 1 works in this process, -1 uses every core. Dask uses the whole cluster.
+    backend : {"loky", "threading", "dask"}
+        Processes, threads, or a Dask cluster.
+    scheduler : str, optional
+        Address of the Dask scheduler; default the current client's.
+    rules, extra, without
+        As for `diagnose`.
+    data : str or Path, optional
+        Folder of the registered data sets.
+    progress : callable, optional
+        Called with a `Progress` after each record.
+
+    Returns
+    -------
+    Fleet
+
+    Raises
+    ------
+    IVToolsError
+        If there is no record, the hold-out cannot be read, or the folder cannot be written.
+
+    Examples
+    --------
+    >>> import ivtools as iv
+    >>> twin = iv.datasets.twin()
+    >>> fleet = diagnose_fleet([twin.slice(0, 12000)], iv.axes.emps(), n_jobs=1)
+    >>> fleet.frame()["verdict"].tolist()
+    ['explained']
+    """
+    backend = known(backend)
+    shelf = None if path is None else Shelf(Path(path))
+    if shelf is not None:
+        shelf.open()
+    settings = {"rules": rules, "extra": tuple(extra), "without": tuple(without)}
+    columns = tuple(sorted(loop.columns.items()))
+    given = sources(records, columns, data)
+    if not given:
+        raise IVToolsError("there is no record to diagnose; give files, data sets or records")
+    judge = None if holdout is None else sources([holdout], columns, data)[0]
+    entries, jobs = _planned(given, judge, shelf, loop, settings)
+    clock = Clock(len(jobs), progress)
+    try:
+        tasks = _tasks(jobs, loop, settings, shelf is not None, entries, clock)
+        for key, done, html in outcomes(_work, tasks, _fewer(n_jobs, jobs), backend, scheduler):
+            kept = done if shelf is None or done.error else shelf.keep(done, key, html)
+            entries[done.name] = kept
+            clock.tick()
+    except KeyboardInterrupt:
+        fleet = _gathered(given, entries, loop, shelf)
+        raise KeyboardInterrupt(fleet.stopped(len(given))) from None
+    return _gathered(given, entries, loop, shelf)
+
+
+def _gathered(
+    given: list[Source], entries: dict[str, Entry], loop: ClosedLoop, shelf: Shelf | None
+) -> Fleet:
+    """Return what there is, in the order that it was asked for, and write the overview."""
+    finished = tuple(entries[s.name] for s in given if s.name in entries)
+    fleet = Fleet(finished, loop.name, None if shelf is None else shelf.folder)
+    if shelf is not None:
+        fleet.save(shelf.folder)
+    return fleet
+
+
+def _planned(
+    given: list[Source],
+    judge: Source | None,
+    shelf: Shelf | None,
+    loop: ClosedLoop,
+    settings: dict[str, Any],
+) -> tuple[dict[str, Entry], list[_Job]]:
+    """Return the entries that are finished, and the jobs that are not."""
+    held, held_digest = (None, "") if judge is None else (judge.read(), judge.digest())
+    entries, jobs = {}, []
+    for source in given:
+        entry = Entry(source.name, source.text)
+        try:
+            own = source.digest()
+        except IVToolsError as error:
+            entries[source.name] = replace(entry, error=_line(error))
+            continue
+        alone = judge is None or own == held_digest
+        if not alone:
+            entry = replace(entry, judged_by=judge.name if judge else "")
+        model = [loop_text(loop), loop.start, loop.name]
+        key = digest(__version__, own, "" if alone else held_digest, model, settings)
+        found = None if shelf is None else shelf.find(entry, key)
+        if found is not None:
+            entries[source.name] = found
+        else:
+            jobs.append(_Job(source, entry, key, None if alone else held))
+    return entries, jobs
+
+
+def _tasks(
+    jobs: list[_Job],
+    loop: ClosedLoop,
+    settings: dict[str, Any],
+    paged: bool,
+    entries: dict[str, Entry],
+    clock: Clock,
+) -> Iterator[tuple[str, Entry, bytes, bool]]:
+    """Yield the work, reading each record when its turn comes; what cannot be read is an entry."""
+    makers = [term.law for term in (*loop.terms, *settings["extra"]) if term.law is not None]
+    for source, entry, key, held in jobs:
+        try:
+            with quiet():
+                record = source.read().replace(name=source.name)
+            sent = packed((record, loop, held, settings), makers, source.name)
+        except IVToolsError as error:
+            entries[source.name] = replace(entry, error=_line(error))
+            clock.tick()
+            continue
+        yield key, entry, sent, paged
+
+
+def _work(key: str, entry: Entry, sent: bytes, paged: bool) -> tuple[str, Entry, str]:
+    """Diagnose one record; return its key, its entry and its page."""
+    import cloudpickle
+
+    record, loop, held, settings = cloudpickle.loads(sent)
+    start = perf_counter()
+    try:
+        with quiet():
+            found: Diagnosis = diagnose(record, loop, held, **settings)
+            html = found.page().html() if paged else ""
+    except Exception as error:  # one record must not end the others
+        return key, replace(entry, error=_line(error), seconds=perf_counter() - start), ""
+    done = replace(
+        entry,
+        content=found.to_dict(),
+        seconds=perf_counter() - start,
+        diagnosis=None if paged else found,
+    )
+    return key, done, html
+
+
+def _line(error: Exception) -> str:
+    """Return an error in one line; one that is not the input's fault says its kind."""
+    text = " ".join(str(error).split())
+    return (
+        text
+        if isinstance(error, IVToolsError)
+        else (f"internal error: {type(error).__name__}: {text}")
+    )
+
+
+def _fewer(n_jobs: int, jobs: list[_Job]) -> int:
+    """Return no more workers than there is work for."""
+    return min(os.cpu_count() or 1, len(jobs)) or 1 if n_jobs == -1 else n_jobs
