@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..loop import ClosedLoop
 from ..physics import Term
 from .candidates import DENSE, library
+from .confidence import Evidence, evidence
 from .fit import Fit, gauss_newton, steps
 from .screen import Score, screen
 from .side import Side
@@ -45,6 +46,10 @@ class Attribution:
         Everything that was fitted in the first round.
     scores : mapping
         Share of the screening per effect, mean of the folds.
+    pvalues : mapping
+        Per effect of the first round.
+    evidence : mapping
+        What speaks for each named effect.
     """
 
     base: tuple[Fit, ...]
@@ -55,6 +60,7 @@ class Attribution:
     trials: tuple[Trial, ...]
     scores: dict[str, float]
     pvalues: dict[str, float] = field(default_factory=dict)
+    evidence: dict[str, Evidence] = field(default_factory=dict)
 
 
 def attribute(
@@ -82,6 +88,7 @@ def attribute(
     named: list[str] = []
     alike: set[str] = set()
     ambiguous: dict[str, list[str]] = {}
+    rounds: dict[str, tuple[Trial, list[Trial]]] = {}
     first: tuple[Trial, ...] = ()
     scores: dict[str, float] = {}
     while len(named) < rules.most:
@@ -98,10 +105,13 @@ def attribute(
         ambiguous[best.name] = [
             t.name for t in good if t is not best and t.share >= (1.0 - rules.margin) * best.share
         ]
+        told = [t for t in tried if t is not best and t.name not in ambiguous[best.name]]
+        rounds[best.name] = (best, told)
         fits, held = best.fits, best.held
     kept, fits, held = _backward(sides, base, fits, held, named)
     taken = {n: [a for a in ambiguous[n] if a not in kept] for n in kept}
-    return Attribution(base, fits, held, tuple(kept), taken, first, scores, _pvalues(first))
+    proof = {n: evidence(*rounds[n], base, _cost(held)) for n in kept}
+    return Attribution(base, fits, held, tuple(kept), taken, first, scores, _pvalues(first), proof)
 
 
 def _screened(

@@ -1,0 +1,69 @@
+"""Confidence: what speaks for a name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from .fit import Fit
+from .trial import Trial
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for the name of an effect.
+
+    Parameters
+    ----------
+    share : float
+        Least share of the whitened energy that it removes on held-out data.
+    t : float
+        Least block-robust t value of its frozen amplitude there.
+    mismatch : float
+        Factor by which the folds disagree in its amplitude; 1 is agreement.
+    rival : float
+        Share of the next best effect that is told from it, relative to its own.
+    part : float
+        Part of the whole reducible gap that it removes.
+    left : float
+        Whitened energy that all named effects together leave; 1 is the floor.
+    """
+
+    share: float
+    t: float
+    mismatch: float
+    rival: float
+    part: float
+    left: float
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the JSON of the evidence."""
+        return asdict(self)
+
+
+def evidence(trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit], left: float) -> Evidence:
+    """Return what speaks for the effect of a trial.
+
+    Parameters
+    ----------
+    trial : Trial
+    rivals : sequence of Trial
+        What else was tried in the same round, and can be told from it.
+    base : sequence of Fit
+        The model without any effect.
+    left : float
+        Whitened energy that all named effects leave.
+    """
+    gain = np.mean([b.cost - h.cost for b, h in zip(trial.before, trial.held, strict=True)])
+    whole = max(float(np.mean([b.cost for b in base])) - 1.0, 1e-9)
+    sizes = np.clip(trial.amplitudes[:, 0], 1e-9, None)
+    return Evidence(
+        share=float(np.min(trial.shares)),
+        t=float(np.min(trial.t)),
+        mismatch=float(np.exp(np.max(np.abs(np.log(sizes))))),
+        rival=max([0.0, *(r.share / trial.share for r in rivals)]),
+        part=float(gain / whole),
+        left=left,
+    )
