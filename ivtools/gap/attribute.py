@@ -24,6 +24,7 @@ from .trial import ADEQUATE, Rules, Trial, attempt, frozen
 
 Array = NDArray[np.float64]
 
+_FAR = 0.35  # of the best share: an effect whose screening is below is not its rival
 _ROUGH = 0.1  # share of a record that smooth laws do not explain
 
 
@@ -145,13 +146,19 @@ def _tried(
     shares = _shares(found)
     chosen = [n for n in list(shares)[: rules.refit] if shares[n] > 0.4 * rules.share]
     tried: list[Trial] = []
-    for names in (chosen, [n for n in DENSE if n in shares and n not in chosen]):
+
+    def fit(names: list[str]) -> float:
+        """Try some effects; return the largest share that passes so far."""
         with ThreadPoolExecutor(2) as pool:
             tasks = [[f[n] for f in found] for n in names]
-            tried += pool.map(lambda scores: attempt(sides, fits, held, scores), tasks)
-        left = min([_cost(held), *(_cost(t.held) for t in tried if t.passes(rules))])
-        if left < ADEQUATE or max(s.rough for s in sides) < _ROUGH:
-            break
+            tried.extend(pool.map(lambda scores: attempt(sides, fits, held, scores), tasks))
+        return max([0.0, *(t.share for t in tried if t.passes(rules))])
+
+    best = fit(chosen[:2])
+    best = fit([n for n in chosen[2:] if shares[n] > _FAR * best or n in DENSE])
+    rough = max(s.rough for s in sides) > _ROUGH
+    if rough and (1.0 - best) * _cost(held) > ADEQUATE:
+        fit([n for n in DENSE if n in shares and n not in chosen])
     return tried
 
 

@@ -98,8 +98,7 @@ def jacobian(
         change = -step[name] if at_top else step[name]
         J[:, column] = (fold.error(loop, {**values, name: values[name] + change}) - e) / change
     if forces:
-        assert fold.response is not None
-        J[:, list(forces)] = -fold.white(fold.response(np.column_stack(list(forces.values()))))
+        J[:, list(forces)] = fold.answers(np.column_stack(list(forces.values())))
     return J
 
 

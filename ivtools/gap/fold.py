@@ -72,6 +72,17 @@ class Fold:
             return (self.whitener[0] * x)[self.keep]
         return signal.lfilter(self.whitener, [1.0], x, axis=0)[self.keep]
 
+    @cached_property
+    def _heard(self) -> Response:
+        """Of the whitened error to a force."""
+        assert self.response is not None
+        impulse = np.convolve(self.response.impulse, self.whitener)
+        return Response(impulse, self.record.n_samples)
+
+    def answers(self, forces: Array) -> Array:
+        """Return the change of the whitened error by forces in the columns, (n_kept, m)."""
+        return -self._heard(forces)[self.keep]
+
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""
         return loop.simulate(self.record, values)

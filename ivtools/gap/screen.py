@@ -49,12 +49,12 @@ class Score:
 
 @dataclass(frozen=True, eq=False)
 class _Direction:
-    """Whitened columns of one starting point, and how to read their coefficients."""
+    """Changes of the whitened error from one starting point, and how to read their coefficients."""
 
     term: Term
     shape: dict[str, float]
     names: tuple[str, ...]
-    columns: Array  # (n_samples, m) before whitening
+    columns: Array  # (n_kept, m)
 
 
 def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
@@ -84,7 +84,7 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
             d = _direction(side, fit, now, term, shape)
             if d is None:
                 continue
-            score = _score(d, fold.white(d.columns), basis, e, fold)
+            score = _score(d, basis, e, fold)
             if term.name not in best or score.share > best[term.name].share:
                 best[term.name] = score
     return best
@@ -113,17 +113,19 @@ def _direction(
         linear = [i for i, p in enumerate(term.parameters) if p.linear]
         names = tuple(term.parameters[i].name for i in linear)
         forces = np.column_stack([_law(term, i, shape, now) for i in linear or [-1]])
-        return _Direction(term, shape, names, -side.response(forces))
+        return _Direction(term, shape, names, side.fold.answers(forces))
     if term.name == "encoder-eccentricity":
         waves = _eccentric(fit, now, shape)
-        return _Direction(term, shape, ("cosine", "sine"), -side.response(waves))
+        return _Direction(term, shape, ("cosine", "sine"), side.fold.answers(waves))
     key = (term.name, *shape.items())
     if key not in side.simulated:
         loop = fit.loop.with_effect(term, **shape)
-        then = fit.fold.simulate(loop, loop.values(fit.values))
-        side.simulated[key] = fit.fold.gap(loop, then) - fit.fold.gap(fit.loop, now)
+        then = side.fold.simulate(loop, loop.values(fit.values))
+        side.simulated[key] = side.fold.gap(loop, then) - side.fold.gap(fit.loop, now)
     change = side.simulated[key]
-    return _Direction(term, shape, (), change[:, None]) if np.isfinite(change[-1]) else None
+    if not np.isfinite(change[-1]):
+        return None
+    return _Direction(term, shape, (), side.fold.white(change)[:, None])
 
 
 def _law(term: Term, index: int, shape: dict[str, float], simulation: Simulation) -> Array:
@@ -148,9 +150,9 @@ def _orthonormal(J: Array) -> Array:
     return np.linalg.qr(J / scale)[0]
 
 
-def _score(d: _Direction, white: Array, basis: Array, e: Array, fold: Fold) -> Score:
+def _score(d: _Direction, basis: Array, e: Array, fold: Fold) -> Score:
     """Regress the residual on the columns that the base model does not already have."""
-    C = white - basis @ (basis.T @ white)
+    C = d.columns - basis @ (basis.T @ d.columns)
     scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
     beta = normal(C / scale, e, 1e-6) / scale
     explained = C @ beta
