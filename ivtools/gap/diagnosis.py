@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..loop import ClosedLoop
 from ..record import Record
 from ..tables import Text, table
+from .confidence import Evidence
 from .findings import Finding
 from .floor import Floor
 from .locate import Region
@@ -58,6 +59,13 @@ class Ranked:
     p_value: float
     held_out: bool
     replicates: bool
+
+    @property
+    def chance(self) -> str:
+        """The p value as it is printed."""
+        if not self.held_out:
+            return "screened"
+        return f"{self.p_value:.3f}" if self.p_value > 0.0 else "< 0.002"  # of 500 draws
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the entry."""
@@ -118,6 +126,8 @@ class Diagnosis:
         Per parameter of a named effect, its value on either side.
     replicas : tuple of Replica
         Per named effect, whether the sides agree.
+    evidence : mapping
+        Per named effect behind the controller, what speaks for it.
     """
 
     verdict: str
@@ -138,6 +148,7 @@ class Diagnosis:
     name: str
     replication: dict[str, tuple[float, float]] = field(default_factory=dict)
     replicas: tuple[Replica, ...] = ()
+    evidence: dict[str, Evidence] = field(default_factory=dict)
     traces: Traces | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -159,6 +170,7 @@ class Diagnosis:
             "gap": {"before": _number(self.chi[0]), "after": _number(self.chi[1])},
             "replication": {k: list(v) for k, v in self.replication.items()},
             "replicates": {r.effect: r.to_dict() for r in self.replicas},
+            "evidence": {n: e.to_dict() for n, e in self.evidence.items()},
         }
 
     def summary(self) -> Text:
@@ -168,7 +180,7 @@ class Diagnosis:
             (
                 r.effect,
                 f"{100 * r.closed:.0f} %",
-                f"{r.p_value:.3f}" if r.held_out else "screened",
+                r.chance,
                 "yes" if r.effect in self.effects else "replicates" if r.replicates else "",
             )
             for r in self.ranking[:8]

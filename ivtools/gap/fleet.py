@@ -175,7 +175,7 @@ class Fleet:
 
     def _html(self, links: str) -> str:
         """Return the table as HTML, with links to the pages."""
-        head = "".join(f"<p>{escape(line)}</p>" for line in _joined(self._lines()))
+        head = "".join(f"<p>{escape(line)}</p>" for line in _joined(self._lines())[1:])
         names = (*_HEADER[:3], f"before, {self.unit}", f"after, {self.unit}", "closed", "remark")
         header = "".join(f'<th style="text-align:left">{escape(n)}</th>' for n in names)
         body = "".join(f"<tr>{_cells(e, links)}</tr>" for e in self.entries)
@@ -222,11 +222,12 @@ def _cells(entry: Entry, links: str) -> str:
     if entry.page is not None:
         name = f'<a href="{escape(links, quote=True)}/{escape(entry.page.name)}">{name}</a>'
     before, after, closed = _figures(entry)
-    cells = [entry.verdict, ", ".join(entry.effects), before, after, closed, entry.remark]
     colour = ' style="color:#a03c00"' if entry.verdict == FAILED else ""
-    return f"<td>{name}</td><td{colour}>{escape(cells[0])}</td>" + "".join(
-        f"<td>{escape(cell)}</td>" for cell in cells[1:]
+    effects = ", ".join(
+        f'<span style="white-space:nowrap">{escape(e)}</span>' for e in entry.effects
     )
+    cells = "".join(f"<td>{escape(cell)}</td>" for cell in (before, after, closed, entry.remark))
+    return f"<td>{name}</td><td{colour}>{escape(entry.verdict)}</td><td>{effects}</td>{cells}"
 
 
 def _range(values: Sequence[float]) -> str:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..tables import Text, table
+from .replica import quantity
 
 if TYPE_CHECKING:
     from ..report import Page
     from .diagnosis import Diagnosis
 
-_PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"))
+_REPLICATES = {True: "yes", False: "no", None: "one side only"}
 
 
 def page(diagnosis: Diagnosis) -> Page:
@@ -26,16 +28,55 @@ def page(diagnosis: Diagnosis) -> Page:
 
     verdict = diagnosis.verdict
     out = Page(f"Diagnosis of {diagnosis.name}", f"{verdict}: {VERDICTS[verdict]}.")
-    told = [f"{r.text}." for r in diagnosis.replicas]
-    out.add("The answer", *told, tables=[diagnosis.summary()])
+    told = [_sentence(f.text) for f in diagnosis.findings]
+    shown = [_named(diagnosis)] if diagnosis.replicas else []
+    out.add("The answer", *_gap(diagnosis), *told, tables=shown)
     if diagnosis.traces is None or diagnosis.shrink is None:
         return out
-    for title, (name, draw, caption) in zip(
-        ("Where", "Which effect", "How far"), figures.SET, strict=True
-    ):
-        tables = [_signals(diagnosis)] if name == "how-far" else []
-        out.add(title, tables=tables, figures=[Picture(name, draw(diagnosis), caption)])
+    tables = {"where": [], "which": [_ranking(diagnosis)], "how-far": [_signals(diagnosis)]}
+    titles = ("Where", "Which effect", "How far")
+    for title, (name, draw, caption) in zip(titles, figures.SET, strict=True):
+        picture = Picture(name, draw(diagnosis), caption)
+        out.add(title, tables=tables[name], figures=[picture])
+    if diagnosis.advice:
+        out.add("Remarks and advice", *map(_sentence, diagnosis.advice))
     return out
+
+
+def _gap(diagnosis: Diagnosis) -> list[str]:
+    """Return the gap before and after in a sentence or two."""
+    s = diagnosis.shrink
+    if s is None:
+        return ["No effect was looked for: the record or the axis file is at fault."]
+    judge = "another record" if s.held_out else "stretches of the record that they were not fitted"
+    text = f"The simulated force is {s.before:.3g} {s.unit} rms off the measured one"
+    if not diagnosis.effects:
+        return [f"{text}; the floor, which no model could go below, is {s.floor:.3g} {s.unit}."]
+    return [
+        f"{text}, and {s.after:.3g} {s.unit} (95 % interval {s.interval[0]:.3g} to "
+        f"{s.interval[1]:.3g}) with the named effects, judged on {judge}"
+        f"{'' if s.held_out else ' to'}. The floor is {s.floor:.3g} {s.unit}, so "
+        f"{100 * s.closed:.0f} % of what a model can close is closed."
+    ]
+
+
+def _named(diagnosis: Diagnosis) -> Text:
+    """Return the named effects, their values on either side, and whether they replicate."""
+    one, two = diagnosis.replicas[0].sides
+    rows: list[Sequence[str]] = []
+    for replica in diagnosis.replicas:
+        twins = ", ".join(diagnosis.ambiguous_with.get(replica.effect, ())) or "-"
+        for k, name in enumerate(replica.values):
+            first = (_REPLICATES[replica.replicates], twins) if k == 0 else ("", "")
+            label = replica.effect if k == 0 else ""
+            rows.append([label, name, replica.value(name, 0), replica.value(name, 1), *first])
+    header = ["effect", "parameter", f"on {one}", f"on {two}", "replicates", "not told from"]
+    return table("What is named", [], header, rows, left=2)
+
+
+def _ranking(diagnosis: Diagnosis) -> Text:
+    rows = [[r.effect, f"{100 * r.closed:.0f} %", r.chance] for r in diagnosis.ranking[:8]]
+    return table("Ranking", [], ["effect", "closes alone", "p value"], rows)
 
 
 def _signals(diagnosis: Diagnosis) -> Text:
@@ -43,17 +84,14 @@ def _signals(diagnosis: Diagnosis) -> Text:
     s = diagnosis.shrink
     assert s is not None
     length = "m" if diagnosis.loop.joint == "prismatic" else "rad"
-    units = {"position": length, "velocity": f"{length}/s", "acceleration": f"{length}/s2"}
+    units = {"position": length, "velocity": f"{length}/s", "acceleration": f"{length}/s²"}
     rows = [["force", f"{s.before:.3g} {s.unit}", f"{s.after:.3g} {s.unit}"]]
     for name, (before, after) in s.signals.items():
-        rows.append([name, *_readable(before, after, units[name])])
-    judged = "on another record" if s.held_out else "on the other stretches of the record"
-    notes = [f"simulated against measured, rms; the effects as found, judged {judged}"]
-    return table("Errors before and after", [], ["signal", "before", "after"], rows, notes)
+        rows.append([name, quantity(before, units[name], 3), quantity(after, units[name], 3)])
+    return table("Simulated against measured, rms", [], ["signal", "before", "after"], rows)
 
 
-def _readable(before: float, after: float, unit: str) -> tuple[str, str]:
-    """Return two values of one signal with a prefix that suits the larger."""
-    large = max(abs(before), abs(after))
-    factor, prefix = next((p for p in _PREFIXES if large * p[0] >= 0.1), _PREFIXES[-1])
-    return f"{before * factor:.3g} {prefix}{unit}", f"{after * factor:.3g} {prefix}{unit}"
+def _sentence(text: str) -> str:
+    """Return a line as a sentence; the name of a record keeps its case."""
+    name = text.split(" ")[0].endswith(":")
+    return f"{text[:1] if name else text[:1].upper()}{text[1:].rstrip('.')}."

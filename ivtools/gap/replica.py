@@ -14,6 +14,7 @@ from .trial import FIXED, Rules
 
 Pair = tuple[float | None, float | None]
 
+_PREFIXED = ("m", "rad", "s")
 _PERCENT = {"kp", "kv", "velocity_filter", "added"}  # of a controller: relative errors
 
 
@@ -55,23 +56,39 @@ class Replica:
         }
         one, two = self.sides
         shown = (
-            f"{n} {self._value(n, 0)} on {one}, {self._value(n, 1)} on {two}" for n in self.values
+            f"{n} {self.value(n, 0)} on {one}, {self.value(n, 1)} on {two}" for n in self.values
         )
         return f"{said[self.replicates]}: {'; '.join(shown)}"
 
-    def _value(self, name: str, side: int) -> str:
+    def value(self, name: str, side: int) -> str:
+        """Return the value of a parameter on one side, with its unit."""
         value = self.values[name][side]
         if value is None:
             return "not seen"
         if self.units[name] == "%":
             return f"{100 * value:+.2g} %"
-        return f"{value:.4g} {self.units[name]}".rstrip()
+        return quantity(value, self.units[name])
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the replica."""
         sides = [{"side": s, **{n: v[i] for n, v in self.values.items()}}
                  for i, s in enumerate(self.sides)]  # fmt: skip
         return {"replicates": self.replicates, "sides": sides, "text": self.text}
+
+
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """Return a value with its unit, small lengths, times and speeds with a prefix.
+
+    Examples
+    --------
+    >>> quantity(0.0131512, "m/s"), quantity(-37.18, "N s/m"), quantity(3e-6, "m")
+    ('13.15 mm/s', '-37.18 N s/m', '3 µm')
+    """
+    factor, prefix = 1.0, ""
+    if unit.split("/")[0] in _PREFIXED and value:
+        steps = ((1.0, ""), (1e3, "m"), (1e6, "µ"))
+        factor, prefix = next((s for s in steps if abs(value) * s[0] >= 0.1), steps[-1])
+    return f"{value * factor:.{digits}g} {prefix}{unit}".rstrip()
 
 
 def replicas(

@@ -88,11 +88,13 @@ def _matrix(axes: Axes, result: Fleet) -> None:
 
 def _label(entry: Entry) -> str:
     name = entry.name if len(entry.name) <= 24 else f"{entry.name[:23]}…"
-    return f"{name} (failed)" if entry.content is None else name
+    if entry.content is None:
+        return f"{name} (failed)"
+    return name if entry.shrink else f"{name} (not judged)"
 
 
 def _colour(entry: Entry, name: str) -> tuple[float, float, float]:
-    if entry.content is None:
+    if not entry.shrink:
         return to_rgb(_FAILED)
     if name in entry.effects:
         return to_rgb(_AFTER)

@@ -2,19 +2,38 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import SubFigure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from ivtools.errors import DataError
 from ivtools.plots.style import COLOURS, Sheet, legend_above, line, look, readable, sheet
 
 if TYPE_CHECKING:
-    from ivtools.gap.diagnosis import Diagnosis, Traces
+    from ivtools.gap.diagnosis import Diagnosis, Ranked, Traces
+    from ivtools.gap.quantify import Shrink
 
 WIDTH_MM = 170.0  # two columns
-_BEFORE, _AFTER = COLOURS["error"], COLOURS["model"]
+_BEFORE, _AFTER = str(COLOURS["error"]), str(COLOURS["model"])
+_FLOOR, _TWIN, _OTHER, _EVENT = "#009e73", "#e69f00", "#c8c8c8", "#f0e442"
+_FAINT = 0.25
+_SHOWN = 10  # effects of a ranking
+_BESIDE: dict[str, Any] = {
+    "textcoords": "offset points",
+    "va": "center",
+    "fontsize": 6.0,
+    "color": "#57606a",
+}
+_TIGHT: dict[str, Any] = {
+    "borderaxespad": 0.1,
+    "handlelength": 1.4,
+    "columnspacing": 1.0,
+    "handletextpad": 0.5,
+}
 _PARTS = (
     "reversal",
     "acceleration",
@@ -45,11 +64,12 @@ def gap(diagnosis: Diagnosis) -> Sheet:
         If the record did not allow a comparison.
     """
     with look():
-        figure = sheet(WIDTH_MM, 110.0)
+        figure = sheet(WIDTH_MM, 115.0)
         axes = figure.subplots(2, 2, width_ratios=(3, 2))
         _error(axes[0, 0], diagnosis)
         _ranking(axes[0, 1], diagnosis)
-        _worst(axes[1, 0], diagnosis)
+        _force(axes[1, 0], diagnosis, _worst(_traces(diagnosis)))
+        axes[1, 0].set_xlabel("time, s")
         _shrink(axes[1, 1], diagnosis)
         figure.suptitle(_title(diagnosis), fontsize=8)
     return figure
@@ -58,19 +78,21 @@ def gap(diagnosis: Diagnosis) -> Sheet:
 def where(diagnosis: Diagnosis) -> Sheet:
     """Draw where the gap sits: over time, position and velocity, by region, and in frequency."""
     with look():
-        figure = sheet(WIDTH_MM, 110.0)
-        axes = figure.subplots(2, 2, width_ratios=(3, 2))
-        _error(axes[0, 0], diagnosis)
-        _regions(axes[0, 1], diagnosis)
-        _plane(axes[1, 0], diagnosis)
-        _spectrum(axes[1, 1], diagnosis)
+        figure = sheet(WIDTH_MM, 115.0)
+        upper, lower = (
+            row.subplots(1, 2, width_ratios=(3, 2)) for row in _parts(figure.subfigures(2, 1))
+        )
+        _error(upper[0], diagnosis)
+        _regions(upper[1], diagnosis)
+        _plane(lower[0], diagnosis)
+        _spectrum(lower[1], diagnosis)
     return figure
 
 
 def which(diagnosis: Diagnosis) -> Sheet:
     """Draw the ranking of the effects."""
     with look():
-        figure = sheet(80.0, 70.0)
+        figure = sheet(110.0, 70.0)
         _ranking(figure.subplots(), diagnosis)
     return figure
 
@@ -78,10 +100,14 @@ def which(diagnosis: Diagnosis) -> Sheet:
 def how_far(diagnosis: Diagnosis) -> Sheet:
     """Draw the gap before and after, and the forces around the worst second."""
     with look():
-        figure = sheet(WIDTH_MM, 60.0)
-        axes = figure.subplots(1, 2, width_ratios=(2, 3))
-        _shrink(axes[0], diagnosis)
-        _worst(axes[1], diagnosis)
+        figure = sheet(WIDTH_MM, 80.0)
+        left, right = _parts(figure.subfigures(1, 2, width_ratios=(2, 3)))
+        _shrink(left.subplots(), diagnosis)
+        upper, lower = right.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        rows = _worst(_traces(diagnosis))
+        _force(upper, diagnosis, rows)
+        _errors(lower, diagnosis, rows)
+        lower.set_xlabel("time, s")
     return figure
 
 
@@ -90,21 +116,29 @@ SET = (
     (
         "where",
         where,
-        "Where the gap sits: force error over time, share of its energy by region "
-        "against the share of the time, over the position-velocity plane, and spectrum",
+        "Where the gap sits. Top: force error over time (faint where it does not count: transient, "
+        "limit, standstill, or the stretches that the effects were fitted to), and the share of "
+        "its energy by region against the share of the time. Bottom: the error before, over "
+        "position and velocity, and its spectrum.",
     ),
     (
         "which",
         which,
-        "Which effect: share of the reducible gap that each effect closes alone on held-out data",
+        "Which effect: share of the reducible gap that each effect closes alone, on held-out data; "
+        "hatched where it is the screening's estimate.",
     ),
     (
         "how-far",
         how_far,
-        "How far: force error before and after, with its 95 % interval and the "
-        "floor; measured and simulated force around the worst second",
+        "How far: force error on held-out data, with 95 % interval and floor; measured and "
+        "simulated force around the worst second, and their difference below.",
     ),
 )
+
+
+def _parts(found: Any) -> list[SubFigure]:
+    """Return subfigures, whatever matplotlib says that they are."""
+    return list(found)
 
 
 def _traces(diagnosis: Diagnosis) -> Traces:
@@ -124,17 +158,26 @@ def _unit(diagnosis: Diagnosis) -> str:
 
 def _error(axes: Axes, diagnosis: Diagnosis) -> None:
     traces = _traces(diagnosis)
-    t = traces.record.t
-    line(axes, t, traces.before, color=_BEFORE, label="before", linewidth=0.5)
-    line(axes, t, traces.after, color=_AFTER, label="after", linewidth=0.5)
-    for level in diagnosis.floors[-1:]:
-        for start, stop in level.events[:5]:
-            axes.axvspan(start, stop, color="#f0e442", alpha=0.5, linewidth=0)
-    size = 1.3 * np.quantile(np.abs(traces.before[traces.keep]), 0.999)
+    t, keep = traces.record.t, traces.keep
+    for values, colour, label in (
+        (traces.before, _BEFORE, "before"),
+        (traces.after, _AFTER, "after"),
+    ):
+        line(axes, t, np.where(keep, np.nan, values), color=colour, linewidth=0.5, alpha=_FAINT)
+        line(axes, t, np.where(keep, values, np.nan), color=colour, linewidth=0.5, label=label)
+    for k, (start, stop) in enumerate(_events(diagnosis)):
+        once = "comes once" if k == 0 else None
+        axes.axvspan(start, stop, color=_EVENT, alpha=0.5, linewidth=0, label=once)
+    size = 1.3 * np.quantile(np.abs(traces.before[keep]), 0.999)
     axes.set_ylim(-size, size)
     axes.set_xlabel("time, s")
     axes.set_ylabel(f"force error, {_unit(diagnosis)}")
     legend_above(axes)
+
+
+def _events(diagnosis: Diagnosis) -> list[tuple[float, float]]:
+    """Return the stretches of the judging record that stand out and do not come again."""
+    return [(a, b) for level in diagnosis.floors[-1:] for a, b in level.events[:5]]
 
 
 def _regions(axes: Axes, diagnosis: Diagnosis) -> None:
@@ -142,9 +185,10 @@ def _regions(axes: Axes, diagnosis: Diagnosis) -> None:
     y = np.arange(len(shown))[::-1]
     axes.barh(y + 0.27, [100 * r.energy for r in shown], 0.26, color=_BEFORE, label="before")
     axes.barh(y, [100 * r.after for r in shown], 0.26, color=_AFTER, label="after")
-    axes.barh(y - 0.27, [100 * r.time for r in shown], 0.26, color="#c8c8c8", label="time")
+    axes.barh(y - 0.27, [100 * r.time for r in shown], 0.26, color=_OTHER, label="share of time")
     axes.set_yticks(y, [r.name for r in shown])
-    axes.set_xlabel("share of the error's energy, and of the time, %")
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("share of the energy before, %")
     legend_above(axes)
 
 
@@ -153,13 +197,14 @@ def _plane(axes: Axes, diagnosis: Diagnosis) -> None:
     q = traces.record.q[:, 0]
     v = np.gradient(q, traces.record.dt)
     v = np.convolve(v, np.ones(15) / 15, mode="same")
-    rows = np.flatnonzero(traces.keep)[:: max(len(q) // 5000, 1)]
+    kept = np.flatnonzero(traces.keep)
+    rows = kept[:: max(len(kept) // 5000, 1)]
     size = np.quantile(np.abs(traces.before[rows]), 0.98)
     points = axes.scatter(
         q[rows],
         v[rows],
         c=traces.before[rows],
-        s=1.5,
+        s=2.0,
         cmap="RdBu_r",
         vmin=-size,
         vmax=size,
@@ -170,7 +215,8 @@ def _plane(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.set_xlabel(f"position, {length}")
     axes.set_ylabel(f"velocity, {length}/s")
     assert axes.figure is not None
-    axes.figure.colorbar(points, ax=axes, label=f"force error before, {_unit(diagnosis)}")
+    axes.set_title(f"force error before, {_unit(diagnosis)}", loc="left")
+    axes.figure.colorbar(points, ax=axes, aspect=30, pad=0.02, extend="both")
 
 
 def _spectrum(axes: Axes, diagnosis: Diagnosis) -> None:
@@ -178,58 +224,107 @@ def _spectrum(axes: Axes, diagnosis: Diagnosis) -> None:
     for values, colour, label in (
         (before, _BEFORE, "before"),
         (after, _AFTER, "after"),
-        (floor, "#009e73", "noise"),
+        (floor, _FLOOR, "floor"),
     ):
         axes.loglog(hz[1:], values[1:], color=colour, label=label)
     axes.set_xlabel("frequency, Hz")
-    axes.set_ylabel(f"{readable(_unit(diagnosis))}/√Hz")
+    axes.set_ylabel(f"force error, {readable(_unit(diagnosis))}/√Hz")
     legend_above(axes)
 
 
 def _ranking(axes: Axes, diagnosis: Diagnosis) -> None:
-    shown = diagnosis.ranking[:10][::-1]
-    twins = {x for e in diagnosis.ambiguous_with.values() for x in e}
-    colours = [
-        _AFTER if r.effect in diagnosis.effects else "#e69f00" if r.effect in twins else "#c8c8c8"
-        for r in shown
-    ]
-    axes.barh(range(len(shown)), [100 * r.closed for r in shown], color=colours)
+    shown = _chosen(diagnosis)[::-1]
+    twins = {x: e for e, others in diagnosis.ambiguous_with.items() for x in others}
+    for y, ranked in enumerate(shown):
+        closed = 100 * ranked.closed
+        mine, twin = ranked.effect in diagnosis.effects, twins.get(ranked.effect)
+        axes.barh(
+            y,
+            closed,
+            color=_AFTER if mine else _TWIN if twin else _OTHER,
+            alpha=1.0 if ranked.held_out else 0.45,
+            hatch=None if ranked.held_out else "////",
+            edgecolor="white",
+            linewidth=0.0,
+        )
+        if twin:
+            axes.annotate(f"not told from {twin}", (closed, y), (3, 0), **_BESIDE)
     axes.set_yticks(range(len(shown)), [r.effect for r in shown])
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlim(0.0, max(1.7 * 100 * max((r.closed for r in shown), default=0.0), 10.0))
+    axes.set_xlim(right=min(axes.get_xlim()[1], 135.0 if twins else 102.0))
     axes.set_xlabel("closes alone, % of the reducible gap")
-    axes.set_title("named: dark; not told from it: amber", loc="left")
+    keys = [
+        Patch(color=_AFTER, label="named"),
+        Patch(color=_OTHER, label="not named"),
+        Patch(facecolor=_OTHER, alpha=0.45, hatch="////", edgecolor="white", label="screened only"),
+    ]
+    axes.legend(handles=keys, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, **_TIGHT)
+
+
+def _chosen(diagnosis: Diagnosis) -> list[Ranked]:
+    """Return the effects to show: the best ones, and whatever is named; largest first."""
+    twins = {x for others in diagnosis.ambiguous_with.values() for x in others}
+    needed = {*diagnosis.effects, *twins}
+    first = [r for r in diagnosis.ranking if r.effect in needed]
+    rest = [r for r in diagnosis.ranking if r.effect not in needed]
+    return sorted([*first, *rest][:_SHOWN], key=lambda r: -r.closed)
 
 
 def _shrink(axes: Axes, diagnosis: Diagnosis) -> None:
-    s = diagnosis.shrink
-    if s is None:
-        raise DataError("the record did not allow a comparison; its findings say why")
-    axes.bar((0, 1), (s.before, s.after), 0.6, color=(_BEFORE, _AFTER))
+    s = _found(diagnosis)
+    bars = (("before", s.before, _BEFORE), ("after", s.after, _AFTER))
+    for x, (_, value, colour) in enumerate(bars):
+        axes.bar(x, value, 0.6, color=colour)
     low, high = s.interval
-    axes.errorbar(
-        [1],
-        [s.after],
-        [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]],
-        color="black",
-        capsize=3,
+    reach = [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]]
+    axes.errorbar([1], [s.after], reach, color="black", capsize=3)
+    for x, value, top in ((0, s.before, s.before), (1, s.after, max(high, s.after))):
+        axes.annotate(f"{value:.3g}", (x, top), (0, 2), ha="center", textcoords="offset points")
+    axes.axhline(s.floor, color=_FLOOR, linestyle="--")
+    axes.annotate(
+        f"floor {s.floor:.2g}", (1.55, s.floor), (0, 2), textcoords="offset points", color=_FLOOR
     )
-    axes.axhline(s.floor, color="#009e73", linestyle="--", label="floor")
-    axes.set_xticks((0, 1), ("before", "after"))
+    axes.set_xlim(-0.5, 2.2)
+    axes.set_ylim(0.0, 1.15 * max(s.before, s.after, high))
+    axes.set_xticks(range(len(bars)), [name for name, _, _ in bars])
+    axes.grid(False, axis="x")
     axes.set_ylabel(f"force error, {s.unit} rms")
     axes.set_title(f"{100 * s.closed:.0f} % of the reducible gap closed", loc="left")
 
 
-def _worst(axes: Axes, diagnosis: Diagnosis) -> None:
-    traces = _traces(diagnosis)
+def _found(diagnosis: Diagnosis) -> Shrink:
+    if diagnosis.shrink is None:
+        raise DataError("the record did not allow a comparison; its findings say why")
+    return diagnosis.shrink
+
+
+def _worst(traces: Traces) -> slice:
+    """Return the second with the largest energy of the error before."""
     width = min(round(1.0 / traces.record.dt), len(traces.before) // 2)
-    energy = np.convolve(
-        np.where(traces.keep, traces.before, 0.0) ** 2, np.ones(width), mode="valid"
-    )
-    at = int(np.argmax(energy))
-    rows = slice(at, at + width)
+    energy = np.where(traces.keep, traces.before, 0.0) ** 2
+    at = int(np.argmax(np.convolve(energy, np.ones(width), mode="valid")))
+    return slice(at, at + width)
+
+
+def _force(axes: Axes, diagnosis: Diagnosis, rows: slice) -> None:
+    traces = _traces(diagnosis)
     t = traces.record.t[rows]
-    axes.plot(t, traces.measured[rows], color=COLOURS["measured"], linewidth=1.6, label="measured")
-    axes.plot(t, (traces.measured - traces.before)[rows], color=_BEFORE, label="before")
-    axes.plot(t, (traces.measured - traces.after)[rows], color=_AFTER, label="after")
-    axes.set_xlabel("time, s")
+    simulated: dict[str, tuple[NDArray[np.float64], str]] = {
+        "before": (traces.measured - traces.before, _BEFORE),
+        "after": (traces.measured - traces.after, _AFTER),
+    }
+    measured = traces.measured[rows]
+    axes.plot(t, measured, color=str(COLOURS["measured"]), linewidth=2.0, label="measured")
+    for name, (values, colour) in simulated.items():
+        axes.plot(t, values[rows], color=colour, linewidth=0.8, label=f"simulated {name}")
     axes.set_ylabel(f"force, {_unit(diagnosis)}")
     legend_above(axes)
+
+
+def _errors(axes: Axes, diagnosis: Diagnosis, rows: slice) -> None:
+    traces = _traces(diagnosis)
+    t = traces.record.t[rows]
+    axes.plot(t, traces.before[rows], color=_BEFORE, linewidth=0.8)
+    axes.plot(t, traces.after[rows], color=_AFTER, linewidth=0.8)
+    axes.set_ylabel(f"difference, {_unit(diagnosis)}")
