@@ -102,7 +102,8 @@ def attribute(
             break
         best = max(good, key=lambda t: t.share)
         named.append(best.name)
-        alike |= {n for n, share in shares.items() if share >= rules.alike * shares[best.name]}
+        sizes = {**shares, **{t.name: max(t.share, shares[t.name]) for t in tried}}
+        alike |= {n for n, size in sizes.items() if size >= rules.alike * sizes[best.name]}
         ambiguous[best.name] = [
             t.name for t in good if t is not best and t.share >= (1.0 - rules.margin) * best.share
         ]

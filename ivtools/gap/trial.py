@@ -50,7 +50,7 @@ class Rules:
     rest : float
         of what the effects before it have left.
     alike : float
-        Share of the best effect's screening from which another one is alike to it.
+        Share of what the best effect removes from which another one is alike to it.
     """
 
     share: float = 0.035
