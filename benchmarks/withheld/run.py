@@ -1,143 +1,101 @@
-"""Diagnose withheld cases and score the answers against the sealed labels.
+"""Run suites in parallel, and resume them.
 
-python -m benchmarks.withheld.run --suite single --count 2 --jobs 2 --out results.jsonl
+    python -m benchmarks.withheld.run single none --first 1000 --jobs 2 --folder build/withheld
+
+Each suite has one file of JSON lines in the folder, one line per case; a case whose line is there
+is not run again. A case runs in one process, on one BLAS thread.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import time
-from collections import Counter
-from pathlib import Path
+import os
 
-from .generate import SUITES, axis_file, draw, plan
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # before numpy is imported, here and in the workers
 
-#: The least separable from each effect, as documented beside the list of effects.
-DOCUMENTED = {
-    "asymmetric-viscous": {"spring"},
-    "stribeck": {"sqrt-viscous", "polynomial-viscous"},
-    "presliding": {"position-friction"},
-    "polynomial-viscous": {"sqrt-viscous", "stribeck"},
-    "sqrt-viscous": {"stribeck", "polynomial-viscous"},
-    "position-friction": set(),
-    "load-friction": {"dead-zone"},
-    "friction-drift": set(),
-    "offset-drift": set(),
-    "spring": {"asymmetric-viscous"},
-    "cogging": {"encoder-eccentricity", "torque-ripple"},
-    "torque-ripple": {"cogging", "encoder-eccentricity"},
-    "flexibility": {"backlash"},
-    "backlash": {"flexibility"},
-    "drive-timing": set(),
-    "drive-asymmetry": set(),
-    "dead-zone": {"load-friction"},
-    "encoder-eccentricity": {"cogging", "torque-ripple"},
-}
+import argparse  # noqa: E402
+import json  # noqa: E402
+import time  # noqa: E402
+from collections import Counter  # noqa: E402
+from collections.abc import Iterator  # noqa: E402
+from pathlib import Path  # noqa: E402
+from typing import Any  # noqa: E402
+
+from .answers import answer  # noqa: E402
+from .suites import FULL, SUITES, Task  # noqa: E402
 
 
-def answer(seed: int, suite: str, effects: list[str]) -> dict:
-    """Draw a case, diagnose its records alone, and put the label beside the answer."""
-    import warnings
+def done(path: Path) -> set[str]:
+    """Return the keys of the cases in a file; a line cut off by an interruption does not count."""
+    return {row["key"] for row in read(path)}
 
-    warnings.simplefilter("ignore")
-    import ivtools as iv
-    from ivtools.loop.axis_file import from_tables
 
-    case = draw(seed, suite, effects)
-    records = [
-        iv.Record.from_dict(r, name=n) for r, n in zip(case.records, ("a", "b"), strict=True)
-    ]
-    start = time.perf_counter()
-    gap = iv.diagnose(
-        records[0],
-        from_tables(axis_file(case.axis)),
-        holdout=records[1],
-        without=effects if suite == "outside" else (),
+def read(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a file of results."""
+    if not path.exists():
+        return
+    for line in path.read_text().splitlines():
+        try:
+            yield json.loads(line)
+        except json.JSONDecodeError:
+            continue
+
+
+def run(tasks: list[Task], path: Path, jobs: int, truth: bool = True) -> Iterator[dict[str, Any]]:
+    """Run what is missing, append each row as it comes, and yield it."""
+    from joblib import Parallel, delayed
+
+    there = done(path)
+    missing = [t for t in tasks if t.key not in there]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and not path.read_bytes().endswith(b"\n"):
+        path.write_bytes(path.read_bytes() + b"\n")
+    work = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)(
+        delayed(answer)(t, truth) for t in missing
     )
-    found = gap.to_dict()
-    return {
-        "seed": seed,
-        "label": case.label,
-        "time": time.perf_counter() - start,
-        **{
-            k: found[k]
-            for k in ("verdict", "effects", "ambiguous_with", "findings", "gap", "shrink")
-        },
-        "parameters": found["parameters"],
-        "ranking": found["ranking"][:5],
-        "score": score(found, case.label),
-    }
+    with path.open("a") as file:
+        for row in work:
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            yield row
 
 
-def score(found: dict, label: dict) -> str:
-    """Return right, ambiguous, extra, abstained or wrong."""
-    truth, named = set(label["effects"]), set(found["effects"])
-    if (
-        label["suite"] == "outside"
-    ):  # the truth is not in the library: a name is wrong, if it explains all
-        return (
-            "right"
-            if not named or named <= DOCUMENTED[label["effects"][0]]
-            else ("flagged" if found["verdict"] in ("partial", "non-repeatable") else "wrong")
-        )
-    if label["suite"] == "background" and not truth:
-        return "wrong" if named else "right"
-    if not truth:
-        if named:
-            return "wrong"
-        if label["suite"] == "bursts":
-            return "right" if found["verdict"] == "non-repeatable" else "abstained"
-        return "right" if found["verdict"] == "adequate" else "abstained"
-    if not named:
-        return "abstained"
-    if named == truth:
-        return "right" if all(len(v) <= 1 for v in found["ambiguous_with"].values()) else "vague"
-    sets = [{e, *found["ambiguous_with"].get(e, [])} for e in named]
-    covered = all(any(t in s for s in sets) for t in truth)
-    if covered and len(named) == len(truth):
-        return "ambiguous" if all(len(s) <= 2 for s in sets) else "vague"
-    if truth < named:
-        return "extra"
-    if named < truth:
-        return "subset"
-    return "wrong"
+def line(row: dict[str, Any]) -> str:
+    """Return a row as one line for people."""
+    if "found" not in row:
+        return f"{row['score']:10s} {row['key']}: {row['error'].strip().splitlines()[-1]}"
+    found, gap = row["found"], row["found"]["gap"]
+    others = {k: v for k, v in found["ambiguous_with"].items() if v} or ""
+    return (
+        f"{row['score']:10s} {row['key']:52s} -> {'+'.join(found['effects']) or '-'} {others} "
+        f"{found['verdict']} {gap['before'] or 0:.2f} -> {gap['after'] or 0:.2f}, "
+        f"{row['time']['cpu']:.1f} s"
+    )
 
 
 def main() -> None:
-    from joblib import Parallel, delayed
-
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--suite", choices=SUITES, default="single")
-    parser.add_argument("--count", type=int, default=1)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--only", nargs="*")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--out", type=Path)
-    args = parser.parse_args()
-    tasks = [
-        (s + args.first, e)
-        for s, e in plan(args.suite, args.count)
-        if not args.only or set(e) & set(args.only)
-    ]
-    work = Parallel(n_jobs=args.jobs, return_as="generator")(
-        delayed(answer)(s, args.suite, e) for s, e in tasks
+    """Run the suites that the command line names."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    rows = []
-    for row in work:
-        rows.append(row)
-        print(
-            f"{row['score']:10s} {'+'.join(row['label']['effects']) or '-':28s} -> "
-            f"{'+'.join(row['effects']) or '-':28s} {row['ambiguous_with']} {row['verdict']} "
-            f"{row['gap']['before'] or 0:.2f}->{row['gap']['after'] or 0:.2f} "
-            f"{row['label']['reference']} "
-            f"{row['time']:.1f} s {'; '.join(row['findings'])[:90]}",
-            flush=True,
-        )
-        if args.out:
-            with args.out.open("a") as file:
-                file.write(json.dumps(row) + "\n")
-    print(Counter(r["score"] for r in rows))
+    parser.add_argument("suites", nargs="+", choices=[*SUITES, "all"])
+    parser.add_argument("--first", type=int, default=1000, help="first seed")
+    parser.add_argument("--count", type=int, help="number of seeds; default as in a full run")
+    parser.add_argument("--only", nargs="*", default=(), help="effects")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--folder", type=Path, default=Path("build/withheld"))
+    parser.add_argument("--no-truth", action="store_true", help="skip the true held-out figures")
+    args = parser.parse_args()
+    for suite in SUITES if "all" in args.suites else args.suites:
+        seeds = range(args.first, args.first + (args.count or FULL[suite]))
+        tasks = [
+            t for t in SUITES[suite](seeds) if not args.only or set(t.effects) & set(args.only)
+        ]
+        start, scores = time.perf_counter(), Counter()
+        for row in run(tasks, args.folder / f"{suite}.jsonl", args.jobs, not args.no_truth):
+            scores[row["score"]] += 1
+            print(line(row), flush=True)
+        print(f"{suite}: {dict(scores)} in {time.perf_counter() - start:.0f} s", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,130 @@
+"""Suites: which cases are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import backgrounds
+from .disturbances import BURSTS
+from .effects import AT_CONTROLLER, EFFECTS, SIZE, twins
+
+#: Signatures, over the noise floor, of the power curve.
+LEVELS = (0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 2.0)
+#: Pairs that every run has.
+PAIRS = (
+    ("asymmetric-viscous", "cogging"),
+    ("stribeck", "spring"),
+    ("drive-timing", "asymmetric-viscous"),
+    ("position-friction", "flexibility"),
+    ("load-friction", "offset-drift"),
+    ("presliding", "spring"),
+    ("controller-mismatch", "asymmetric-viscous"),
+    ("friction-drift", "cogging"),
+    ("polynomial-viscous", "spring"),
+    ("drive-timing", "position-friction"),
+)
+
+
+@dataclass(frozen=True)
+class Task:
+    """One case to draw.
+
+    Parameters
+    ----------
+    suite : str
+    seed : int
+    effects : tuple of str
+    detail : tuple of str
+        Of a background: its kind and model; of a burst: its shape; of a small effect: its level.
+    """
+
+    suite: str
+    seed: int
+    effects: tuple[str, ...] = ()
+    detail: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """What tells it from every other task, and seeds its random numbers."""
+        return "/".join(
+            (self.suite, str(self.seed), "+".join(self.effects) or "-", "+".join(self.detail))
+        )
+
+
+def _single(seeds: range) -> Iterator[Task]:
+    return (Task("single", s, (e,)) for s in seeds for e in EFFECTS)
+
+
+def _none(seeds: range) -> Iterator[Task]:
+    return (Task("none", s) for s in seeds)
+
+
+def _two(seeds: range) -> Iterator[Task]:
+    """Ten listed pairs per five seeds, and two random ones per seed."""
+    for s in seeds:
+        for pair in PAIRS[2 * (s % 5) : 2 * (s % 5) + 2]:
+            yield Task("two", s, pair)
+        yield from (Task("two", s, p) for p in _random_pairs(np.random.default_rng([s, 2]), 2))
+
+
+def _random_pairs(rng: np.random.Generator, count: int) -> list[tuple[str, str]]:
+    """Draw pairs that are no documented twins, without those decided by a clipped command."""
+    pairs: list[tuple[str, str]] = []
+    names = [e for e in EFFECTS if e != "saturation"]
+    while len(pairs) < count:
+        a, b = (str(x) for x in rng.choice(names, 2, replace=False))
+        if b not in twins(a) and (a, b) not in PAIRS and (b, a) not in PAIRS:
+            pairs.append((a, b))
+    return pairs
+
+
+def _outside(seeds: range) -> Iterator[Task]:
+    return (Task("outside", s, (e,)) for s in seeds for e in EFFECTS if e not in AT_CONTROLLER)
+
+
+def _background(seeds: range) -> Iterator[Task]:
+    """Every kind and model in turn, one without an effect for two with one."""
+    names = [e for e in EFFECTS if e != "saturation"]
+    ways = [(k, m) for m in backgrounds.MODELS for k in backgrounds.KINDS]
+    for s in seeds:
+        order = np.random.default_rng([s, 3]).permutation(len(names))
+        for i in range(6):
+            way = ways[(6 * s + i) % len(ways)]
+            yield Task("background", s, (), way)
+            for j in (2 * i, 2 * i + 1):
+                yield Task("background", s, (names[order[j]],), way)
+
+
+def _bursts(seeds: range) -> Iterator[Task]:
+    return (Task("bursts", s, (), (shape,)) for s in seeds for shape in BURSTS)
+
+
+def _small(seeds: range) -> Iterator[Task]:
+    for s in seeds:
+        for e in SIZE:
+            yield from (Task("small", s, (e,), (f"{level:g}",)) for level in LEVELS)
+
+
+#: Suite to its tasks for a range of seeds.
+SUITES: dict[str, Callable[[range], Iterator[Task]]] = {
+    "single": _single,
+    "none": _none,
+    "two": _two,
+    "outside": _outside,
+    "background": _background,
+    "bursts": _bursts,
+    "small": _small,
+}
+#: Seeds of a full run: at least 20 cases per effect, 100 without, 60 pairs, 108 backgrounds.
+FULL = {
+    "single": 20,
+    "none": 100,
+    "two": 15,
+    "outside": 3,
+    "background": 6,
+    "bursts": 6,
+    "small": 4,
+}
