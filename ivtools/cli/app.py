@@ -23,9 +23,10 @@ from ivtools.cli import (
     reproduce,
     simulate,
 )
+from ivtools.cli.output import INTERRUPTED
 from ivtools.errors import IVToolsError, IVToolsWarning
 
-DONE, FAILED, AT_FAULT, INTERRUPTED = 0, 1, 2, 130
+DONE, FAILED, AT_FAULT = 0, 1, 2
 
 app = typer.Typer(
     name="ivtools",
@@ -114,7 +115,7 @@ def _ended_by(error: BaseException) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     if isinstance(error, KeyboardInterrupt) or type(error).__name__ == "Abort":
-        _say(_reason(error) or "interrupted; what was finished is kept")
+        _say("interrupted; what was finished is kept")
         return INTERRUPTED
     if isinstance(error, IVToolsError):
         _say(f"error: {error}")
@@ -127,15 +128,6 @@ def _ended_by(error: BaseException) -> int:
     if os.environ.get("IVTOOLS_TRACEBACK"):
         raise error
     return FAILED
-
-
-def _reason(error: BaseException | None) -> str:
-    """Return what an interrupted run says about itself."""
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt) and error.args:
-            return str(error.args[0])
-        error = error.__cause__ or error.__context__
-    return ""
 
 
 def _hear_warnings() -> None:

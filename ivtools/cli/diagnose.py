@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ivtools.cli import options
-from ivtools.cli.output import follow, progress, show, write_json, writing
+from ivtools.cli.output import follow, progress, show, stoppable, write_json, writing
 from ivtools.errors import DataError
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def diagnose(
     from ivtools.gap import diagnose_fleet
 
     loop = _loop(axis, names)
-    with writing(out or Path()):
+    with writing(out or Path()), stoppable():
         fleet = diagnose_fleet(
             names,
             loop,

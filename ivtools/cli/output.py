@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ivtools.workers import Progress
 
 STDOUT = Path("-")
+INTERRUPTED = 130  # exit status, as shells have it
 _FULL = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EMFILE)
 
 
@@ -124,6 +125,18 @@ def progress(what: str, total: int | None = None) -> Iterator[Any]:
             bar.update(task, advance=1, description=label or what)
 
         yield advance
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Say in its own words what an interrupted run leaves behind, and end the command."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        if not stop.args:
+            raise
+        typer.echo(f"ivtools: {stop}", err=True)
+        raise SystemExit(INTERRUPTED) from None
 
 
 def follow() -> Any:
