@@ -1,0 +1,245 @@
+"""What is wrong with a record or its axis file is said, and no effect is named instead."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from ivtools.cli import run
+from ivtools.gap import findings, hints, parity
+from ivtools.loop import Controller
+
+THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+SAMPLES = 8000
+
+
+@pytest.fixture(scope="module")
+def loop():
+    return iv.axes.emps()
+
+
+@pytest.fixture(scope="module")
+def twin():
+    return iv.datasets.twin().slice(0, SAMPLES)
+
+
+@pytest.fixture(params=["twin", "emps", "emps_pulses"])
+def record(request):
+    """A sound record: simulated, and measured without and with an added input."""
+    return request.getfixturevalue(request.param).slice(0, SAMPLES)
+
+
+def with_gains(loop, **settings):
+    gains = {**loop.controller.settings, **settings}
+    return replace(loop, controller=replace(loop.controller, settings=gains))
+
+
+def scaled(record, factor, *signals):
+    found = {s: factor * x for s in signals if (x := getattr(record, s)) is not None}
+    return record.replace(**found)
+
+
+def moved(loop, record, q_ref, theta=THETA, name="other", seed=1):
+    """Return the record of another motion, or of another axis."""
+    q_ref = np.asarray(q_ref).reshape(-1, 1)
+    given = record.replace(q=q_ref, q_ref=q_ref, added=None, dq_ref=None, name=name)
+    noise = np.random.default_rng(seed).normal(0.0, 2.0, record.n_samples)
+    sim = loop.simulate(given, theta, initial="rest", force_noise=noise, quantum=5e-8)
+    return given.replace(q=sim.q, nu=sim.nu)
+
+
+def refusal(record, loop, holdout=None):
+    """Return what a diagnosis says against its input, having made sure that it names nothing."""
+    found = iv.diagnose(record, loop, holdout)
+    assert (found.verdict, found.effects, found.shrink) == ("unexplained", (), None)
+    assert found.parameters == {} and found.ranking == ()
+    assert json.loads(json.dumps(found.to_dict()))["findings"]
+    assert max(map(len, found.summary().splitlines())) <= 80
+    (only,) = [f.text for f in found.findings if f.fatal]  # one cause, not its consequences
+    assert "\n" not in only
+    return only
+
+
+# -- units, signs, gains ---------------------------------------------------------------------------
+UNITS = {
+    "mm instead of m": (1e3, ("q", "q_ref"), "in mm; give m"),
+    "mm in q only": (1e3, ("q",), "in mm; give m"),
+    "command in mV": (1e3, ("nu",), "check the unit of nu"),
+    "command in kV": (1e-3, ("nu",), "check the units of q, q_ref and nu"),
+    "command reversed": (-1.0, ("nu",), "opposite sign"),
+    "position reversed": (-1.0, ("q", "q_ref"), "opposite sign"),
+    "position against its reference": (-1.0, ("q",), "check the signs of q and q_ref"),
+    "time in ms": (1e3, ("t",), "is it in s?"),
+}
+
+
+@pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
+@pytest.mark.parametrize("factor, signals, said", UNITS.values(), ids=UNITS)
+def test_a_wrong_unit_or_sign_is_said(record, loop, factor, signals, said):
+    assert said in refusal(scaled(record, factor, *signals), loop)
+
+
+def test_degrees_are_said(record, loop):
+    turning = replace(loop, joint="revolute", start={})
+    assert "in degrees; give rad" in refusal(scaled(record, 180.0 / np.pi, "q", "q_ref"), turning)
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        ({"kp": 2.0}, "kp -50 %: 160.2, not 320.4"),
+        ({"kv": 0.5}, "kv +100 %: 243.*, not 121.7"),
+        ({"kp": 0.5, "kv": 0.5}, "kv \\+100 %"),
+    ],
+)
+def test_wrong_gains_are_said_with_those_of_the_record(record, loop, change, said):
+    import re
+
+    wrong = with_gains(loop, **{k: f * loop.controller.settings[k] for k, f in change.items()})
+    text = refusal(record, wrong)
+    assert re.search(said.replace("+100", "\\+100").replace("\\\\", "\\"), text), text
+    assert "correct [controller]" in text
+
+
+def test_a_wrong_kind_of_controller_is_said_with_that_of_the_record(twin, loop):
+    kp, kv = (loop.controller.settings[k] for k in ("kp", "kv"))
+    settings = {"kp": kp * kv, "kd": kv}
+    wrong = replace(loop, controller=replace(loop.controller, kind="pd", settings=settings))
+    text = refusal(twin, wrong)
+    assert "the record shows kind cascade-pd, kp = 160.2, kv = 243.5" in text
+
+
+def test_the_sign_and_size_of_the_drive_gain_are_said(record, loop):
+    assert "sign of the command and of [drive] gain" in refusal(record, replace(loop, gain=-35.15))
+    assert "units and [drive] gain" in refusal(record, replace(loop, gain=1000.0 * loop.gain))
+
+
+# -- motion ----------------------------------------------------------------------------------------
+def test_too_little_motion_is_said(record, loop):
+    assert "at least 3 s" in refusal(record.slice(0, 2000), loop)
+
+
+def test_standstill_is_said(twin, loop):
+    q_ref = np.full(SAMPLES, 0.1)
+    shaken = 0.2 * np.sign(np.sin(20.0 * twin.t))[:, None]
+    noise = 5e-8 * np.round(np.random.default_rng(0).normal(0.0, 1.0, (SAMPLES, 1)))
+    still = twin.replace(q=0.1 + noise, q_ref=q_ref, nu=shaken + 1e-3 * noise, added=shaken)
+    assert "does not move" in refusal(still, loop)
+
+
+def test_a_blocked_axis_is_said(twin, loop):
+    noise = 5e-8 * np.random.default_rng(0).normal(0.0, 1.0, (SAMPLES, 1))
+    law = loop.controller.law(twin.dt)
+    q = 0.1 * np.abs(noise) / np.max(np.abs(noise)) * 1e-3 + twin.q_ref[0]
+    nu = np.clip(law(twin.q_ref[:, 0], np.gradient(twin.q_ref[:, 0], twin.dt), q[:, 0]), -10, 10)
+    assert "blocked or not enabled" in refusal(twin.replace(q=q, nu=nu), loop)
+
+
+def test_most_of_the_record_at_rest_is_said(twin, loop):
+    assert "s show motion" in refusal(moved(loop, twin, np.clip(0.1 * twin.t, 0.0, 0.04)), loop)
+
+
+def test_one_direction_is_said(twin, loop):
+    q_ref = 0.02 * twin.t + 0.004 * np.sin(np.pi * twin.t)
+    assert "one direction only" in refusal(moved(loop, twin, q_ref), loop)
+
+
+def test_one_direction_is_enough_for_a_model_without_offset(twin, loop):
+    q_ref = 0.02 * twin.t + 0.004 * np.sin(np.pi * twin.t)
+    record, model = moved(loop, twin, q_ref), loop.with_terms("inertia", "viscous", "coulomb")
+    (found,) = findings.inspect(record, model, parity.check(record, model))
+    assert "one direction only" in found.text and not found.fatal
+
+
+# -- limits ----------------------------------------------------------------------------------------
+def test_a_command_at_its_limit_is_said(twin, loop):
+    limited = replace(loop, controller=replace(loop.controller, limit=1.5))
+    text = refusal(moved(limited, twin, twin.q_ref), limited)
+    assert "sits at its limit in" in text and "gentler references" in text
+
+
+def test_a_command_beyond_its_limit_is_said(record, loop):
+    top = 0.6 * float(np.quantile(np.abs(record.nu), 0.999))
+    low = replace(loop, controller=replace(loop.controller, limit=top))
+    assert "correct [controller] limit" in refusal(record, low)
+
+
+# -- hold-outs -------------------------------------------------------------------------------------
+def test_a_holdout_that_is_the_record_is_said(record, loop):
+    assert "holds the same samples" in refusal(record, loop, record.replace(name="copy"))
+
+
+def test_a_holdout_that_overlaps_is_said(twin, loop):
+    part = twin.slice(3000, None).replace(name="part")
+    assert "part shares" in refusal(twin.slice(0, 6000), loop, part)
+
+
+@pytest.mark.parametrize(
+    "factor, signals, said",
+    [(1e3, ("q", "q_ref"), "in mm"), (-1.0, ("nu",), "opposite sign")],
+)
+def test_a_holdout_in_other_units_is_named(twin, loop, factor, signals, said):
+    other = moved(loop, twin, twin.q_ref)
+    text = refusal(twin, loop, scaled(other, factor, *signals))
+    assert text.startswith("other: ") and said in text
+
+
+def test_a_holdout_of_another_axis_is_said(twin, loop):
+    light = {"inertia": 40.0, "viscous": 50.0, "coulomb": 5.0, "offset": 1.0}
+    text = refusal(twin, loop, moved(loop, twin, twin.q_ref, light))
+    assert "different inertias" in text and "twin 95" in text and "other 40" in text
+    slower = moved(with_gains(loop, kp=80.0), twin, twin.q_ref, light)
+    assert refusal(twin, loop, slower).startswith("other: the record shows other controller")
+
+
+# -- what is no fault ------------------------------------------------------------------------------
+def test_a_sound_record_has_no_finding(record, loop):
+    assert findings.inspect(record, loop, parity.check(record, loop)) == []
+
+
+def test_two_records_of_one_axis_are_a_pair(emps, emps_pulses):
+    assert findings.pair(emps, emps_pulses) == []
+
+
+@pytest.mark.parametrize("unit", ["mm", "µm", "cm", "inches"])
+def test_a_hint_knows_the_unit(unit):
+    factor = 1.0 / hints._SCALES["prismatic"][unit]
+    assert f"in {unit}" in hints.scale(1.05 * factor, "prismatic", "q")
+
+
+# -- a controller that is to be identified ---------------------------------------------------------
+def test_an_identified_controller_says_nothing_of_itself(twin, loop):
+    unknown = replace(loop, controller=Controller("identify", {}, limit=10.0))
+    found = iv.diagnose(twin, unknown)
+    assert found.effects == iv.diagnose(twin, loop).effects and found.shrink is not None
+    (note,) = [f for f in found.findings if "identified" in f.text]
+    assert not note.fatal and "cannot say whether it is the right one" in note.text
+    assert found.parity[0].mismatch == {} and found.parity[0].before < 1e-6
+
+
+def test_the_holdout_judges_an_identified_controller(twin, loop):
+    unknown = replace(loop, controller=Controller("identify", {}, limit=10.0))
+    other = moved(with_gains(loop, kp=80.0), twin, twin.q_ref)
+    assert "other: the record shows other controller settings" in refusal(twin, unknown, other)
+
+
+# -- the command -----------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        (lambda f: f.assign(q=f["q"].where(f.index != 57)), "q is NaN at row 57"),
+        (lambda f: f.drop(columns="q"), "q"),
+        (lambda f: f.drop(columns="q_ref"), "has no q_ref"),
+        (lambda f: f.drop(columns="nu"), "nu and tau"),
+        (lambda f: f[:150], "fewer than 200"),
+        (lambda f: f.assign(q_ref=0.1), "q_ref is constant"),
+    ],
+)
+def test_a_file_that_is_no_record_is_one_line(twin, tmp_path, capsys, change, said):
+    file = tmp_path / "log.csv"
+    change(twin.slice(0, 1000).to_frame()).to_csv(file, index=False)
+    status = run(["diagnose", str(file), "--axis", "emps"])
+    out, err = capsys.readouterr()
+    assert (status, out, err.count("\n")) == (2, "", 1) and said in err
