@@ -334,7 +334,7 @@ RECORD_FAULTS = {
 
 
 @pytest.mark.parametrize("change, said", RECORD_FAULTS.values(), ids=RECORD_FAULTS)
-@pytest.mark.parametrize("verb", ["identify", "compare"])
+@pytest.mark.parametrize("verb", ["identify", "compare", "diagnose"])
 def test_a_broken_record_is_one_line(command, log, tmp_path, verb, change, said):
     file = tmp_path / "broken.csv"
     change(pd.read_csv(log)).to_csv(file, index=False)
