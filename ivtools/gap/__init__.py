@@ -10,7 +10,7 @@ from .entry import Entry
 from .fleet import Fleet
 from .patrol import diagnose_fleet
 from .process import diagnose
-from .trial import Rules
+from .rules import Rules
 
 __all__ = [
     "VERDICTS",

@@ -17,8 +17,8 @@ from .floor import Floor
 from .parity import Parity
 from .quantify import Shrink, quantify
 from .replica import Replica, replicas
+from .rules import ADEQUATE, Rules
 from .side import Side
-from .trial import ADEQUATE, Rules
 
 Array = NDArray[np.float64]
 
@@ -89,6 +89,7 @@ def answer(
         name=name,
         replication=_replication(result),
         replicas=_replicas(effects, result, checked, rules),
+        evidence=result.evidence,
         traces=traces,
     )
 

@@ -18,9 +18,10 @@ from ..physics import Term
 from .candidates import DENSE, library
 from .confidence import Evidence, evidence
 from .fit import Fit, gauss_newton, steps
+from .rules import ADEQUATE, Rules
 from .screen import Score, screen
 from .side import Side
-from .trial import ADEQUATE, Rules, Trial, attempt, frozen
+from .trial import Trial, attempt, frozen
 
 Array = NDArray[np.float64]
 
@@ -88,25 +89,26 @@ def attribute(
     fits, held = base, base
     named: list[str] = []
     alike: set[str] = set()
+    gains: dict[str, float] = {}
     ambiguous: dict[str, list[str]] = {}
     rounds: dict[str, tuple[Trial, list[Trial]]] = {}
     first: tuple[Trial, ...] = ()
     scores: dict[str, float] = {}
     while len(named) < rules.most:
         found = _screened(sides, fits, library(fits[0].loop, extra, without))
-        tried = _tried(sides, fits, held, found, rules)
+        tried = _tried(sides, fits, held, found, rules, gains)
+        gains |= {t.name: t.gain for t in tried}
         shares = _shares(found)
         first, scores = (first, scores) if named else (tuple(tried), shares)
-        good = [t for t in tried if t.passes(rules) and t.worth(base, rules, t.name in alike)]
+        least = rules.further * max(_cost(base) - 1.0, 0.0)
+        good = [t for t in tried if t.passes(rules) and (t.name not in alike or t.gain > least)]
         if not good:
             break
         best = max(good, key=lambda t: t.share)
         named.append(best.name)
         sizes = {**shares, **{t.name: max(t.share, shares[t.name]) for t in tried}}
         alike |= {n for n, size in sizes.items() if size >= rules.alike * sizes[best.name]}
-        ambiguous[best.name] = [
-            t.name for t in good if t is not best and t.share >= (1.0 - rules.margin) * best.share
-        ]
+        ambiguous[best.name] = [t.name for t in good if t is not best and not _told(best, t, rules)]
         told = [t for t in tried if t is not best and t.name not in ambiguous[best.name]]
         rounds[best.name] = (best, told)
         fits, held = best.fits, best.held
@@ -137,15 +139,17 @@ def _tried(
     held: tuple[Fit, ...],
     found: tuple[dict[str, Score], ...],
     rules: Rules,
+    gains: dict[str, float],
 ) -> list[Trial]:
     """Fit the best of the screening.
 
     The screening, of first order, does not see the narrow valley of a `DENSE` effect. Those are
     searched as well where everything else leaves a gap, and smooth laws of the state leave many
-    stretches of the record unexplained, as masses that move on their own do.
+    stretches of the record unexplained, as masses that move on their own do; not again where the
+    `gains` of an earlier round say that they would not be most of what is left.
     """
     shares = _shares(found)
-    chosen = [n for n in list(shares)[: rules.refit] if shares[n] > 0.4 * rules.share]
+    chosen = [n for n in list(shares)[: rules.refit] if shares[n] > 0.4 * rules.sure.share]
     tried: list[Trial] = []
 
     def fit(names: list[str]) -> float:
@@ -157,10 +161,16 @@ def _tried(
 
     best = fit(chosen[:2])
     best = fit([n for n in chosen[2:] if shares[n] > _FAR * best or n in DENSE])
-    rough = max(s.rough for s in sides) > _ROUGH
-    if rough and (1.0 - best) * _cost(held) > ADEQUATE:
-        fit([n for n in DENSE if n in shares and n not in chosen])
+    rough, left = max(s.rough for s in sides) > _ROUGH, (1.0 - best) * _cost(held)
+    if rough and left > ADEQUATE:
+        hopeless = {n for n, gain in gains.items() if gain < rules.rest * (left - 1.0)}
+        fit([n for n in DENSE if n in shares and n not in chosen and n not in hopeless])
     return tried
+
+
+def _told(best: Trial, other: Trial, rules: Rules) -> bool:
+    """Whether the data tell the best effect from another one."""
+    return other.share < (1.0 - rules.margin) * best.share or best.tells(other) > rules.told
 
 
 def _cost(fits: tuple[Fit, ...]) -> float:

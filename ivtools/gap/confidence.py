@@ -56,14 +56,12 @@ def evidence(trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit], left: f
     left : float
         Whitened energy that all named effects leave.
     """
-    gain = np.mean([b.cost - h.cost for b, h in zip(trial.before, trial.held, strict=True)])
     whole = max(float(np.mean([b.cost for b in base])) - 1.0, 1e-9)
-    sizes = np.clip(trial.amplitudes[:, 0], 1e-9, None)
     return Evidence(
         share=float(np.min(trial.shares)),
         t=float(np.min(trial.t)),
-        mismatch=float(np.exp(np.max(np.abs(np.log(sizes))))),
+        mismatch=trial.ratio,
         rival=max([0.0, *(r.share / trial.share for r in rivals)]),
-        part=float(gain / whole),
+        part=trial.gain / whole,
         left=left,
     )

@@ -20,9 +20,9 @@ from .diagnosis import Diagnosis
 from .entry import Entry
 from .fleet import Fleet
 from .process import diagnose
+from .rules import Rules
 from .shelf import Shelf
 from .source import Given, Source, sources
-from .trial import Rules
 
 
 class _Job(NamedTuple):

@@ -22,8 +22,8 @@ from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
 from .fold import Fold, usable
 from .parity import Parity
+from .rules import Rules
 from .side import Side
-from .trial import Rules
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]

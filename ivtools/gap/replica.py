@@ -10,7 +10,8 @@ import numpy as np
 from ..loop import ClosedLoop
 from .candidates import PERIODIC
 from .parity import Parity
-from .trial import FIXED, Rules
+from .rules import Rules
+from .trial import FIXED
 
 Pair = tuple[float | None, float | None]
 
@@ -169,7 +170,7 @@ def _agree(x: np.ndarray, rules: Rules) -> bool:
     x = x / np.maximum(np.max(np.abs(x), axis=1, keepdims=True), 1e-300)
     dot = float(x[:, 0] @ x[:, 1])
     ratios = [dot / max(float(x[:, i] @ x[:, i]), 1e-300) for i in (0, 1)]
-    return bool(rules.amplitude[0] <= min(ratios) and max(ratios) <= rules.amplitude[1])
+    return bool(1.0 / rules.other.ratio <= min(ratios) and max(ratios) <= rules.other.ratio)
 
 
 def _controller(

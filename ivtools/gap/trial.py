@@ -13,55 +13,17 @@ from ..physics import Term
 from .candidates import DENSE, PERIODIC, scans
 from .fit import Fit, gauss_newton, steps
 from .fold import Fold
+from .rules import Bar, Rules
 from .screen import Score
 from .side import Side
 
 Array = NDArray[np.float64]
 
-#: Whitened energy over the floor below which nothing is missing.
-ADEQUATE = 1.12
 #: Nuisance parameters that stay at their usual value.
 FIXED = ("backlash.contact_hz", "backlash.damping", "presliding.damping")
 
 _SCANNED = 8.0  # s of the record that a dense scan looks at
 _WIDE, _ROUNDS = 1.25, 4  # of the search around its best point
-
-
-@dataclass(frozen=True)
-class Rules:
-    """What a name takes; the defaults are calibrated on withheld effects.
-
-    Parameters
-    ----------
-    share : float
-        Least share of the whitened energy that an effect removes on held-out data.
-    t : float
-        Least block-robust t value of the frozen effect's amplitude on held-out data.
-    amplitude : tuple of float
-        Range of that amplitude, in units of what the other fold found.
-    margin : float
-        Effects within this fraction of the best are not told from it.
-    refit : int
-        Effects of the screening that are fitted.
-    most : int
-        Most effects in a combination.
-    further : float
-        Least share of the whole gap that a further effect removes, or
-    rest : float
-        of what the effects before it have left.
-    alike : float
-        Share of what the best effect removes from which another one is alike to it.
-    """
-
-    share: float = 0.035
-    t: float = 5.0
-    amplitude: tuple[float, float] = (0.6, 1.67)
-    margin: float = 0.08
-    refit: int = 4
-    most: int = 4
-    further: float = 0.05
-    rest: float = 0.5
-    alike: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +71,12 @@ class Trial:
         """Mean share on held-out data."""
         return float(np.mean(self.shares))
 
+    @property
+    def gain(self) -> float:
+        """Whitened energy removed on held-out data, mean of the folds; the floor is 1."""
+        both = zip(self.before, self.held, strict=True)
+        return float(np.mean([b.cost - h.cost for b, h in both]))
+
     @cached_property
     def amplitudes(self) -> Array:
         """Amplitude of the frozen effect on each held-out fold and its block t value, (2, 2)."""
@@ -119,27 +87,31 @@ class Trial:
         """Block t value of the amplitude, per fold."""
         return self.amplitudes[:, 1]
 
+    @property
+    def parts(self) -> Array:
+        """Part of the reducible gap removed on held-out data, per fold; the floor is 1."""
+        both = zip(self.held, self.before, strict=True)
+        return np.array([(b.cost - h.cost) / max(b.cost - 1.0, 1e-9) for h, b in both])
+
+    @property
+    def ratio(self) -> float:
+        """Factor by which the folds disagree in the amplitude; 1 is agreement."""
+        return float(np.exp(np.max(np.abs(np.log(np.clip(self.amplitudes[:, 0], 1e-9, None))))))
+
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates."""
-        return bool(
-            np.min(self.shares) >= rules.share
-            and np.min(self.t) >= rules.t
-            and rules.amplitude[0] <= np.min(self.amplitudes[:, 0])
-            and np.max(self.amplitudes[:, 0]) <= rules.amplitude[1]
-        )
+        bar = rules.bar(self.name)
+        enough = bool(np.min(self.parts) >= bar.part)
+        return enough and (self._over(bar) or self._over(rules.sure))
 
-    def worth(self, base: tuple[Fit, ...], rules: Rules, alike: bool) -> bool:
-        """Whether it removes a material part of the whole gap, or most of what is left of it.
+    def _over(self, bar: Bar) -> bool:
+        share, t = np.min(self.shares), np.min(self.t)
+        return bool(share >= bar.share and t >= bar.t and self.ratio <= bar.ratio)
 
-        The second lets a small effect be named beside a large one where the two are all there is;
-        before a strong background it takes the first, as for an effect that is `alike` to one
-        that is named: what that one leaves may be the form of its law.
-        """
-        gain = np.mean([b.cost - h.cost for b, h in zip(self.before, self.held, strict=True)])
-        whole, left = (np.mean([max(f.cost - 1.0, 0.0) for f in fs]) for fs in (base, self.before))
-        if alike:
-            return bool(gain > rules.further * whole)
-        return bool(gain > min(rules.further * whole, rules.rest * left))
+    def tells(self, other: Trial) -> float:
+        """Return the block t value by which this effect does better on held-out data."""
+        both = zip(self.held, other.held, strict=True)
+        return max(_t(h.fold.block_sums(o.e**2 - h.e**2)) for h, o in both)
 
 
 def attempt(
@@ -254,6 +226,12 @@ def _polished(
                 point, least = near, new
         size *= 0.5 if least == before else 1.0
     return point
+
+
+def _t(sums: Array) -> float:
+    """Return the t value of a total over blocks that count as independent."""
+    spread = float(np.linalg.norm(sums - np.mean(sums)))
+    return float(np.sum(sums)) / max(spread, 1e-300)
 
 
 def _amplitude(before: Fit, held: Fit) -> tuple[float, float]:

@@ -1,0 +1,91 @@
+"""Rules: what a name takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .candidates import PERIODIC
+
+#: Whitened energy over the floor below which nothing is missing.
+ADEQUATE = 1.12
+#: Effects that act where any real axis shows something: at reversals and accelerations.
+REVERSAL = (
+    "stribeck",
+    "sqrt-viscous",
+    "polynomial-viscous",
+    "presliding",
+    "flexibility",
+    "backlash",
+)
+
+
+@dataclass(frozen=True)
+class Bar:
+    """What an effect must reach to be named.
+
+    Parameters
+    ----------
+    share : float
+        Least share of the whitened energy that it removes on held-out data.
+    t : float
+        Least block-robust t value of the frozen effect's amplitude on held-out data.
+    ratio : float
+        Largest factor between that amplitude and what the other fold found.
+    part : float
+        Least part of the reducible gap, energy above the floor, that it removes.
+    """
+
+    share: float
+    t: float
+    ratio: float
+    part: float = 0.0
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What a name takes; the defaults are calibrated on withheld effects.
+
+    Parameters
+    ----------
+    reversal : Bar
+        For the effects of `REVERSAL`: every real axis shows a little of them, so they must be a
+        good part of the gap.
+    line : Bar
+        For the effects of `PERIODIC`: many periods are tried, so they must stand out.
+    other : Bar
+        For all others.
+    sure : Bar
+        An effect that is as steady as this needs a smaller share.
+    margin : float
+        Effects within this fraction of the best are not told from it, unless
+    told : float
+        the block-robust t value of the difference is larger.
+    refit : int
+        Effects of the screening that are fitted.
+    most : int
+        Most effects in a combination.
+    alike : float
+        Share of what the best effect removes from which another one is alike to it.
+    further : float
+        Least part of the whole gap that an effect alike to a named one removes.
+    rest : float
+        Least part of what is left that makes a dense scan worth while once more.
+    """
+
+    reversal: Bar = Bar(0.035, 5.0, 1.67, 0.15)
+    line: Bar = Bar(0.015, 12.0, 1.3)
+    other: Bar = Bar(0.02, 6.5, 1.67)
+    sure: Bar = Bar(0.012, 20.0, 1.25)
+    margin: float = 0.08
+    told: float = 4.0
+    refit: int = 4
+    most: int = 4
+    alike: float = 0.5
+    further: float = 0.05
+    rest: float = 0.5
+
+    def bar(self, effect: str) -> Bar:
+        """Return what this effect must reach."""
+        if effect in REVERSAL:
+            return self.reversal
+        return self.line if effect in PERIODIC else self.other
