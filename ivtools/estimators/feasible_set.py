@@ -269,7 +269,10 @@ def _faces(A: Array, y: Array, bound: Array) -> tuple[Array, Array]:
 def _solve(cost: Array, A: Array, b: Array, free: int) -> Any:
     """Solve a linear program by HiGHS; the variables after the first `free` are not negative."""
     bounds = [(None, None)] * free + [(0.0, None)] * (len(cost) - free)
-    found = linprog(cost, A, b, bounds=bounds, method="highs-ds")
+    for method in ("highs-ds", "highs-ipm"):  # the second where the first loses its way
+        found = linprog(cost, A, b, bounds=bounds, method=method)
+        if found.status != 4:  # a numerical difficulty
+            break
     if found.status == 3:
         raise EstimationError(
             "the feasible set is unbounded: columns depend on each other or nothing moves; drop a "

@@ -151,7 +151,7 @@ class SRIVC:
             )
         simulated = first + model.respond(u, problem.record.dt, self.hold)
         return TransferFunctionResults.of(
-            self, model, y, simulated, rows, Z, problem,
+            self, model, y, simulated, rows, Z, problem, self._memory(model, problem),
             n_iter=n_iter, converged=converged, runtime=perf_counter() - start,
         )  # fmt: skip
 
@@ -208,6 +208,13 @@ class SRIVC:
         """Return the samples after which a filter 1/F has forgotten its start."""
         slowest = np.min(np.abs(exponents(np.roots(F), dt, self.hold).real))
         return int(min(8.0 / (slowest * dt), _SETTLE * n))
+
+    def _memory(self, model: Model, problem: Problem) -> int:
+        """Return the lags over which the error of the rows is correlated by their own filter."""
+        dt, n = problem.record.dt, problem.record.n_samples
+        F = self._stable(model.A, dt, least=20.0 / (n * dt))
+        slowest = np.min(np.abs(exponents(np.roots(F), dt, self.hold).real))
+        return int(min(3.0 / (slowest * dt), 0.25 * n))
 
     def _rows(self, u: Array, y: Array, F: Array, dt: float) -> tuple[Array, Array]:
         """Return X (N, p) and target (N,) of s^n y = -a s^(n-1) y ... + b s^m u ... + offset."""

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
-from ivtools.linalg import covariance
+from ivtools.linalg import automatic_bandwidth, covariance, influence
 from ivtools.tables import Text, table, two_columns
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ class TransferFunctionResults:
         Free coefficients a1 ... (of monic A), b0 ..., offset, in powers of s; in powers of delta,
         (z - 1) / dt, where the method is one of discrete time.
     cov : DataFrame (p, p)
-        Their covariance, robust to autocorrelation of the error.
+        Their covariance, robust to autocorrelation of the error. Where the noise acts on the force
+        the error is nearly integrated, and the intervals are still too narrow.
     A, B : ndarray
         Denominator and numerator, highest power first.
     y, simulated : (n_samples,) ndarray
@@ -79,13 +80,19 @@ class TransferFunctionResults:
         rows: tuple[Array, Array],
         Z: Array,
         problem: Problem,
+        memory: int,
         **status: Any,
     ) -> TransferFunctionResults:
-        """Complete a model by its simulation, covariance and YIC."""
+        """Complete a model by its simulation, covariance and YIC.
+
+        The kernel of the covariance is at least as long as `memory`, in samples.
+        """
         (X, target), theta = rows, estimator.coefficients(model)
         resids = target - X @ theta  # (N,)
         index = pd.Index(list(estimator.names))
-        cov = covariance(X, resids, Z, "hac")
+        bandwidth = automatic_bandwidth(influence(X, Z) * resids[:, np.newaxis])
+        bandwidth = min(max(bandwidth, memory), len(X) - 1)
+        cov = covariance(X, resids, Z, "hac", bandwidth=bandwidth)
         variance = np.var(y - simulated) if np.var(y) > 0.0 else 0.0
         spread = variance * np.diag(np.linalg.pinv(Z.T @ Z, hermitian=True))  # (p,)
         known = np.abs(theta) > 0.0

@@ -51,7 +51,7 @@ def feasible_set(
     columns = min(2, max(1, len(pairs)))
     rows = max(1, -(-len(pairs) // columns))
     with look():
-        figure = sheet(width_mm, 12.0 + 30.0 * rows)
+        figure = sheet(width_mm, 12.0 + 34.0 * rows)
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for ax, (i, j) in zip(axes, pairs, strict=False):
             _projection(ax, found, corners, i, j)
@@ -75,8 +75,15 @@ def _projection(ax: Axes, found: FeasibleSet, corners: Array, i: int, j: int) ->
         hull = points[ConvexHull(points, qhull_options="QJ").vertices]
         ax.fill(*hull.T, color=COLOURS["measured"], alpha=0.5, lw=0.6)
     ax.plot(found.centre.iloc[i], found.centre.iloc[j], "o", color=COLOURS["model"], ms=3)
-    ax.set_xlabel(f"{names[i]} ({readable(units[i])})" if units[i] else names[i])
-    ax.set_ylabel(f"{names[j]} ({readable(units[j])})" if units[j] else names[j])
+    ax.set_xlabel(_named(names[i], units[i]), fontsize=6)
+    ax.set_ylabel(_named(names[j], units[j]), fontsize=6)
+
+
+def _named(name: str, unit: str) -> str:
+    """Return a name with its unit, on two lines where one would be too long for a panel."""
+    if not unit:
+        return name
+    return f"{name}{chr(10) if len(name) > 9 else ' '}({readable(unit)})"
 
 
 def pareto(front: ParetoFront, *, width_mm: float = WIDTH_MM) -> Sheet:
@@ -116,7 +123,8 @@ def transfer_function(results: TransferFunctionResults, *, width_mm: float = WID
     >>> len(transfer_function(SRIVC(poles=2, input="q_ref").fit(problem)).axes)
     2
     """
-    names = {"q": "Position", "dq": "Velocity"}
+    unit = "m" if results.problem.loop.joint == "prismatic" else "rad"
+    names = {"q": f"Position ({unit})", "dq": f"Velocity ({unit}/s)"}
     with look():
         figure = sheet(width_mm, 60.0)
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
