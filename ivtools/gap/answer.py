@@ -114,7 +114,7 @@ def _how_far(
     values = {**result.fits[0].values}
     still = replace(after, values=values)
     level = measured[-1].floor
-    shrink = quantify(before, after, still, _reachable(level, after), held_out)
+    shrink = quantify(before, result.base[-1], after, still, _reachable(level, after), held_out)
     record = after.fold.record
     e0, e1 = (
         before.fold.force_error(before.loop, before.values),

@@ -205,6 +205,8 @@ class Diagnosis:
                 f"[{s.interval[0]:.3g}, {s.interval[1]:.3g}], floor {s.floor:.3g}, "
                 f"closed {100 * s.closed:.0f} %"
             )
+            if s.corrected < 0.98 * s.before:
+                lines.append(f"  of which the controller, put right: {s.corrected:.3g} {s.unit}")
         return lines
 
     def _notes(self) -> list[str]:

@@ -25,6 +25,8 @@ class Shrink:
         N or N m.
     before, after : float
         Force error of the simulation, rms.
+    corrected : float
+        As `before`, with what controller parity found put right and no effect in the model.
     interval : tuple of float
         95 % interval of `after`, by a block bootstrap.
     floor : float
@@ -40,6 +42,7 @@ class Shrink:
     unit: str
     before: float
     after: float
+    corrected: float
     interval: tuple[float, float]
     floor: float
     held_out: bool
@@ -63,6 +66,7 @@ class Shrink:
             "unit": self.unit,
             "before": self.before,
             "after": self.after,
+            "corrected": self.corrected,
             "interval": list(self.interval),
             "floor": self.floor,
             "closed": self.closed,
@@ -72,16 +76,20 @@ class Shrink:
         }
 
 
-def quantify(before: Fit, after: Fit, frozen: Fit, floor: float, held_out: bool) -> Shrink:
+def quantify(
+    before: Fit, corrected: Fit, after: Fit, frozen: Fit, floor: float, held_out: bool
+) -> Shrink:
     """Measure the gap on the held-out fold, without and with the named effects."""
     fold = after.fold
-    e0, e1, e2 = (
-        f.fold.force_error(f.loop, f.values)[f.fold.keep] for f in (before, after, frozen)
+    e0, e1, e2, e3 = (
+        f.fold.force_error(f.loop, f.values)[f.fold.keep]
+        for f in (before, after, frozen, corrected)
     )
     return Shrink(
         unit="N" if after.loop.joint == "prismatic" else "N m",
         before=_rms(e0),
         after=_rms(e1),
+        corrected=_rms(e3),
         interval=_interval(e1, fold),
         floor=min(floor, _rms(e1), _rms(e0)),
         held_out=held_out,
