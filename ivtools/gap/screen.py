@@ -8,6 +8,7 @@ change hardly depends on the other effects in the model.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,9 +160,14 @@ def _score(d: _Direction, basis: Array, e: Array, fold: Fold) -> Score:
     share = float(explained @ e / (e @ e))
     amplitudes = {n: -float(b) for n, b in zip(d.names, beta, strict=False)}
     start = {p.name: p.neutral for p in d.term.parameters} | d.shape | amplitudes
-    if not d.names and beta[0] > 0.0:  # only the reverse of the effect would help
+    reverse = not d.names and beta[0] > 0.0
+    if reverse or not _within(d.term, start):  # only the reverse of the effect would help
         share = 0.0
     return Score(d.term, share, _statistic(C, e - explained, beta, fold), start)
+
+
+def _within(term: Term, values: Mapping[str, float]) -> bool:
+    return all(p.lower <= values[p.name] <= p.upper for p in term.parameters)
 
 
 def _statistic(C: Array, e: Array, beta: Array, fold: Fold) -> float:
