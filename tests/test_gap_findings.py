@@ -65,7 +65,8 @@ def refusal(record, loop, holdout=None):
 # -- units, signs, gains ---------------------------------------------------------------------------
 UNITS = {
     "mm instead of m": (1e3, ("q", "q_ref"), "in mm; give m"),
-    "mm in q only": (1e3, ("q",), "in mm; give m"),
+    "mm in q only": (1e3, ("q",), "as if q were in mm; give m"),
+    "mm in q_ref only": (1e3, ("q_ref",), "as if q_ref were in mm; give m"),
     "command in mV": (1e3, ("nu",), "check the unit of nu"),
     "command in kV": (1e-3, ("nu",), "check the units of q, q_ref and nu"),
     "command reversed": (-1.0, ("nu",), "opposite sign"),

@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 _LEAST_TIME = 3.0  # s of usable motion
 _FOLLOWS = (0.2, 5.0)  # travel of the position per travel of its reference
+_ALONG = 0.9  # correlation of a position with its reference if it follows it
 _ONE_WAY = 0.02  # share of the time that a direction takes at least
 _GROSS = 0.15  # a larger error of a gain is a wrong axis file, not an effect
 _OVER, _FEW = 1.05, 8  # command over its declared limit, in so many samples: it is not the limit
@@ -142,12 +143,15 @@ def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
                 "the model; record a motion over the stroke, in both directions"
             )
         ]
-    if float(np.corrcoef(record.q[:, 0], record.q_ref[:, 0])[0, 1]) < -0.5:
+    along = float(np.corrcoef(record.q[:, 0], record.q_ref[:, 0])[0, 1])
+    if along < -_ALONG:
         return [Finding("q moves against its reference; check the signs of q and q_ref")]
     unit = "m" if loop.joint == "prismatic" else "rad"
     if _FOLLOWS[0] < done / asked < _FOLLOWS[1]:
         return []
-    remedy = hints.scale(asked / done, loop.joint, "q") or "was the axis blocked or not enabled?"
+    factor, signal = (asked / done, "q") if done > asked else (done / asked, "q_ref")
+    remedy = hints.scale(factor, loop.joint, signal) if along > _ALONG else ""
+    remedy = remedy or "was the axis blocked or not enabled?"
     return [
         Finding(f"q moves {done:.3g} {unit} where its reference moves {asked:.3g} {unit}; {remedy}")
     ]

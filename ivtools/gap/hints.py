@@ -33,8 +33,6 @@ def scale(factor: float, joint: str, signal: str) -> str:
     'as if q were in mm; give m'
     >>> scale(0.0175, "revolute", "q and q_ref")
     'as if q and q_ref were in degrees; give rad'
-    >>> scale(1000.0, "prismatic", "q")
-    'as if the others were in mm; give m'
     >>> scale(1.7, "prismatic", "q")
     ''
     """
@@ -42,8 +40,6 @@ def scale(factor: float, joint: str, signal: str) -> str:
     for name, times in _SCALES[joint].items():
         if abs(factor * times - 1.0) < _NEAR:
             return f"as if {signal} were in {name}; give {unit}"
-        if abs(factor / times - 1.0) < _NEAR:
-            return f"as if the others were in {name}; give {unit}"
     return ""
 
 
