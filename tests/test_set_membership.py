@@ -7,7 +7,8 @@ import pytest
 
 from ivtools import axes
 from ivtools.errors import ConvergenceWarning, EstimationError, ShapeError
-from ivtools.estimators.feasible_set import FeasibleSet, smallest_bound
+from ivtools.estimators.feasible_set import FeasibleSet
+from ivtools.estimators.linear_programs import smallest_bound
 from ivtools.estimators.set_membership import SetMembership
 from ivtools.problem import Problem
 
@@ -66,6 +67,15 @@ def test_the_centre_is_furthest_from_the_faces():
     rng, width = np.random.default_rng(0), (found.upper - found.lower).to_numpy()
     others = [distance(centre + rng.uniform(-0.5, 0.5, 2) * width) for _ in range(2000)]
     assert max(others) <= found.radius * (1.0 + 1e-9)
+
+
+def test_of_several_centres_the_middle_one_is_taken():
+    # the first parameter alone limits the ball, which can slide along the second
+    X = np.array([[10.0, 0.0], [0.0, 0.1], [10.0, 0.0], [0.0, 0.1]])
+    found = FeasibleSet.of(X, [0.0, 1.0, 0.0, 1.0], [0.1, 1.0, 0.1, 1.0])
+    np.testing.assert_allclose(found.lower, [-0.01, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found.upper, [0.01, 20.0], atol=1e-9)
+    np.testing.assert_allclose(found.centre, [0.0, 10.0], atol=1e-5)
 
 
 def test_an_empty_set_names_the_rows_that_contradict_each_other():

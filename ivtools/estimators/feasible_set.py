@@ -9,17 +9,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linprog
 
 from ivtools.errors import EstimationError, ShapeError
+from ivtools.estimators.linear_programs import (
+    SLACK,
+    chebyshev_centre,
+    middle_centre,
+    smallest_bound,
+    tightest_box,
+)
 from ivtools.tables import Text, table, two_columns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-
-_SLACK = 1e-9  # relative tolerance of the linear programs
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,8 +39,9 @@ class FeasibleSet:
     lower, upper : Series (p,)
         The tightest box around the set; NaN if it is empty.
     centre : Series (p,)
-        Chebyshev centre: furthest from every face, in the scale of unit-norm columns. Of an
-        empty set, the centre of the smallest bound that leaves something.
+        Chebyshev centre: furthest from every face, in the scale of unit-norm columns; of several,
+        the one nearest to the middle of the box. Of an empty set, the centre of the smallest
+        bound that leaves something.
     radius : float
         Distance of the centre from the faces, N or N m; 0 for an empty set.
     smallest : float
@@ -105,12 +110,13 @@ class FeasibleSet:
             raise EstimationError(f"bound = {np.min(limits)} must be positive in every row")
         names = tuple(names or (f"theta{i}" for i in range(X.shape[1])))
         smallest, theta, rows = smallest_bound(X, y, limits)
-        empty = smallest > 1.0 + _SLACK
+        empty = smallest > 1.0 + SLACK
         index = pd.Index(list(names))
         box = np.full((2, len(names)), np.nan) if empty else tightest_box(X, y, limits)
         radius = 0.0
         if not empty:
-            theta, radius = chebyshev_centre(X, y, limits)
+            radius = chebyshev_centre(X, y, limits)[1]
+            theta = middle_centre(X, y, limits, radius, box)
         lower, upper, centre = (pd.Series(v, index=index) for v in (*box, theta))
         units = tuple(units or ("",) * len(names))
         return cls(names, units, X, y, limits, lower, upper, centre, radius, smallest, rows, t)
@@ -118,14 +124,14 @@ class FeasibleSet:
     @property
     def empty(self) -> bool:
         """Whether no parameter vector respects the bound: it is falsified."""
-        return self.smallest > 1.0 + _SLACK
+        return self.smallest > 1.0 + SLACK
 
     def contains(self, theta: Mapping[str, float] | ArrayLike) -> bool:
         """Whether a parameter vector is in the set."""
         if isinstance(theta, Mapping | pd.Series):
             theta = [theta[name] for name in self.names]
         error = np.abs(self.y - self.X @ np.asarray(theta, dtype=float))
-        return bool(np.all(error <= self.bound * (1.0 + _SLACK)))
+        return bool(np.all(error <= self.bound * (1.0 + SLACK)))
 
     def vertices(self) -> Array:
         """Return the corners of the polytope, (n_vertices, p); none of an empty set."""
@@ -205,79 +211,3 @@ class FeasibleSet:
         from ivtools import plots
 
         return plots.feasible_set(self, **options)
-
-
-def column_scale(X: Array) -> Array:
-    """Return the norms (p,) of the columns; 1 for a column of zeros."""
-    norms = np.linalg.norm(X, axis=0)
-    return np.where(norms > 0.0, norms / np.sqrt(len(X)), 1.0)
-
-
-def smallest_bound(X: Array, y: Array, bound: Array) -> tuple[float, Array, NDArray[np.intp]]:
-    """Minimise the factor c with |y - X theta| <= c bound.
-
-    Returns
-    -------
-    factor : float
-    theta : (p,) ndarray
-    rows : ndarray of int
-        Rows with a multiplier: no theta gives them a smaller factor.
-
-    Examples
-    --------
-    >>> X, y = np.ones((3, 1)), np.array([0.0, 1.0, 4.0])
-    >>> smallest_bound(X, y, np.ones(3))
-    (2.0, array([2.]), array([0, 2]))
-    """
-    scale = column_scale(X)
-    A = X / scale
-    sides = np.vstack([np.column_stack([A, -bound]), np.column_stack([-A, -bound])])
-    p = X.shape[1]
-    found = _solve(np.append(np.zeros(p), 1.0), sides, np.concatenate([y, -y]), p)
-    multipliers = np.abs(found.ineqlin.marginals).reshape(2, -1).sum(axis=0)
-    rows = np.flatnonzero(multipliers > 1e-9 * max(multipliers.max(), 1e-300))
-    return float(found.x[-1]), found.x[:-1] / scale, rows
-
-
-def tightest_box(X: Array, y: Array, bound: Array) -> Array:
-    """Return the least and the largest value (2, p) of each parameter in the set."""
-    scale = column_scale(X)
-    A, b = _faces(X / scale, y, bound)
-    p = X.shape[1]
-    ends = [[s * _solve(s * unit, A, b, p).fun for unit in np.eye(p)] for s in (1.0, -1.0)]
-    return np.asarray(ends) / scale
-
-
-def chebyshev_centre(X: Array, y: Array, bound: Array) -> tuple[Array, float]:
-    """Return the centre (p,) of the largest ball in the set, and its radius, N or N m.
-
-    The ball is one of unit-norm columns, so that the units of the parameters do not matter.
-    """
-    scale = column_scale(X)
-    A, b = _faces(X / scale, y, bound)
-    p = X.shape[1]
-    sides = np.column_stack([A, np.linalg.norm(A, axis=1)])
-    found = _solve(np.append(np.zeros(p), -1.0), sides, b, p)
-    return found.x[:-1] / scale, float(found.x[-1])
-
-
-def _faces(A: Array, y: Array, bound: Array) -> tuple[Array, Array]:
-    """Return the set as A theta <= b."""
-    return np.vstack([A, -A]), np.concatenate([bound + y, bound - y])
-
-
-def _solve(cost: Array, A: Array, b: Array, free: int) -> Any:
-    """Solve a linear program by HiGHS; the variables after the first `free` are not negative."""
-    bounds = [(None, None)] * free + [(0.0, None)] * (len(cost) - free)
-    for method in ("highs-ds", "highs-ipm"):  # the second where the first loses its way
-        found = linprog(cost, A, b, bounds=bounds, method=method)
-        if found.status != 4:  # a numerical difficulty
-            break
-    if found.status == 3:
-        raise EstimationError(
-            "the feasible set is unbounded: columns depend on each other or nothing moves; drop a "
-            "parameter"
-        )
-    if found.status != 0:
-        raise EstimationError(f"the linear program failed: {found.message.split('.')[0]}")
-    return found

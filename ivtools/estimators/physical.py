@@ -31,7 +31,8 @@ class LMILS(Estimator):
 
     Every parameter keeps its physical bounds (inertia above 0, frictions not below 0), written as
     one diagonal matrix inequality; more inequalities, such as the pseudo-inertia of a robot's
-    links, come from `matrices`. Where the unconstrained estimate is physical it is the estimate.
+    links, come from `matrices`. Where the unconstrained estimate is physical it is the estimate:
+    biased by encoder noise as least squares is, and where a bound is active by the bound.
 
     Parameters
     ----------
@@ -98,7 +99,8 @@ class LMIIV(LMILS):
     """Instrumental variables under linear matrix inequalities.
 
     Minimises norm(Z (Z'Z)^-1 Z'(X theta - y)) with the regressor of the simulated loop as Z. The
-    inequalities keep every iterate an axis that can be simulated.
+    inequalities keep every iterate an axis that can be simulated. Unbiased as `IDIMIV` is where no
+    bound is active; biased towards the inside where one is.
 
     Parameters
     ----------

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.estimators.base import Estimator
-from ivtools.estimators.feasible_set import FeasibleSet, smallest_bound
+from ivtools.estimators.feasible_set import FeasibleSet
+from ivtools.estimators.linear_programs import smallest_bound
 from ivtools.results import FitResults
 
 if TYPE_CHECKING:
@@ -25,8 +26,11 @@ Array = NDArray[np.float64]
 class SetMembership(Estimator):
     """Bounded-error estimation: the polytope |y - X theta| <= bound and its tightest box.
 
-    No distribution is assumed. The estimate is the Chebyshev centre of the set (of unit-norm
-    columns), the deviations are those of a uniform distribution over the box. If no parameter
+    No distribution is assumed: the box holds the truth whenever the error respects the bound.
+    The estimate is the Chebyshev centre of the set (of unit-norm columns), the deviations are those
+    of a uniform distribution over the box. The centre is biased, as a few extreme rows decide it
+    and the noise of the encoder is in them like anywhere: inertia -0.2 % at 1e-6 m behind the EMPS
+    pipeline, -9 % at 1e-5 m, with ten times the spread of least squares. If no parameter
     vector respects the bound, the bound or the model is falsified: the fit has not converged, its
     parameters are those of the smallest bound that leaves one, and the notes name the rows.
 
