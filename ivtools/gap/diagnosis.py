@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_ALONE = 0.02  # share of the gap below which an effect closes nothing alone
+
 VERDICTS = {
     "adequate": "the model is as good as the measurement is repeatable",
     "explained": "the named effects close the gap",
@@ -210,7 +212,14 @@ class Diagnosis:
         return lines
 
     def _notes(self) -> list[str]:
-        return [*(f.text for f in self.findings), *self.advice]
+        together = [f"only beside the others does {e} show" for e in self.beside]
+        return [*(f.text for f in self.findings), *together, *self.advice]
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """Named effects that close next to nothing alone, and show once others are in the model."""
+        alone = {r.effect: r.closed for r in self.ranking}
+        return tuple(e for e in self.effects if alone.get(e, 1.0) < _ALONE)
 
     def plot(self) -> Figure:
         """Return the figure that shows the answer."""

@@ -11,6 +11,7 @@ from .replica import quantity
 if TYPE_CHECKING:
     from ..report import Page
     from .diagnosis import Diagnosis
+    from .quantify import Shrink
 
 _REPLICATES = {True: "yes", False: "no", None: "one side only"}
 
@@ -35,9 +36,11 @@ def page(diagnosis: Diagnosis) -> Page:
         return out
     tables = {"where": [], "which": [_ranking(diagnosis)], "how-far": [_signals(diagnosis)]}
     titles = ("Where", "Which effect", "How far")
+    beside = [f"{e} closes nothing alone: it shows beside the others." for e in diagnosis.beside]
     for title, (name, draw, caption) in zip(titles, figures.SET, strict=True):
         picture = Picture(name, draw(diagnosis), caption)
-        out.add(title, tables=tables[name], figures=[picture])
+        told = beside if name == "which" else []
+        out.add(title, *told, tables=tables[name], figures=[picture])
     if diagnosis.advice:
         out.add("Remarks and advice", *map(_sentence, diagnosis.advice))
     return out
@@ -53,11 +56,18 @@ def _gap(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.effects:
         return [f"{text}; the floor, which no model could go below, is {s.floor:.3g} {s.unit}."]
     return [
-        f"{text}, and {s.after:.3g} {s.unit} (95 % interval {s.interval[0]:.3g} to "
+        f"{text},{_controller(s)} and {s.after:.3g} {s.unit} (95 % interval {s.interval[0]:.3g} to "
         f"{s.interval[1]:.3g}) with the named effects, judged on {judge}"
         f"{'' if s.held_out else ' to'}. The floor is {s.floor:.3g} {s.unit}, so "
         f"{100 * s.closed:.0f} % of what a model can close is closed."
     ]
+
+
+def _controller(s: Shrink) -> str:
+    """Return what putting the controller right is worth."""
+    if s.corrected >= 0.98 * s.before:
+        return ""
+    return f" {s.corrected:.3g} {s.unit} with the controller put right,"
 
 
 def _named(diagnosis: Diagnosis) -> Text:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 WIDTH_MM = 170.0  # two columns
 _BEFORE, _AFTER = str(COLOURS["error"]), str(COLOURS["model"])
 _FLOOR, _TWIN, _OTHER, _EVENT = "#009e73", "#e69f00", "#c8c8c8", "#f0e442"
+_RIGHT = "#9a9a9a"
 _FAINT = 0.25
 _SHOWN = 10  # effects of a ranking
 _BESIDE: dict[str, Any] = {
@@ -166,7 +167,7 @@ def _error(axes: Axes, diagnosis: Diagnosis) -> None:
         line(axes, t, np.where(keep, np.nan, values), color=colour, linewidth=0.5, alpha=_FAINT)
         line(axes, t, np.where(keep, values, np.nan), color=colour, linewidth=0.5, label=label)
     for k, (start, stop) in enumerate(_events(diagnosis)):
-        once = "comes once" if k == 0 else None
+        once = "stands out once" if k == 0 else None
         axes.axvspan(start, stop, color=_EVENT, alpha=0.5, linewidth=0, label=once)
     size = 1.3 * np.quantile(np.abs(traces.before[keep]), 0.999)
     axes.set_ylim(-size, size)
@@ -177,7 +178,9 @@ def _error(axes: Axes, diagnosis: Diagnosis) -> None:
 
 def _events(diagnosis: Diagnosis) -> list[tuple[float, float]]:
     """Return the stretches of the judging record that stand out and do not come again."""
-    return [(a, b) for level in diagnosis.floors[-1:] for a, b in level.events[:5]]
+    from ivtools.gap.answer import local
+
+    return [(a, b) for level in diagnosis.floors[-1:] if local(level) for a, b in level.events]
 
 
 def _regions(axes: Axes, diagnosis: Diagnosis) -> None:
@@ -247,12 +250,15 @@ def _ranking(axes: Axes, diagnosis: Diagnosis) -> None:
             edgecolor="white",
             linewidth=0.0,
         )
-        if twin:
-            axes.annotate(f"not told from {twin}", (closed, y), (3, 0), **_BESIDE)
+        told = f"not told from {twin}" if twin else ""
+        if ranked.effect in diagnosis.beside:
+            told = "named beside the others"
+        axes.annotate(told, (closed, y), (3, 0), **_BESIDE)
     axes.set_yticks(range(len(shown)), [r.effect for r in shown])
     axes.tick_params(axis="y", length=0)
     axes.set_xlim(0.0, max(1.7 * 100 * max((r.closed for r in shown), default=0.0), 10.0))
-    axes.set_xlim(right=min(axes.get_xlim()[1], 135.0 if twins else 102.0))
+    room = 140.0 if twins or diagnosis.beside else 102.0
+    axes.set_xlim(right=min(axes.get_xlim()[1], room))
     axes.set_xlabel("closes alone, % of the reducible gap")
     keys = [
         Patch(color=_AFTER, label="named"),
@@ -273,19 +279,26 @@ def _chosen(diagnosis: Diagnosis) -> list[Ranked]:
 
 def _shrink(axes: Axes, diagnosis: Diagnosis) -> None:
     s = _found(diagnosis)
-    bars = (("before", s.before, _BEFORE), ("after", s.after, _AFTER))
+    bars = [("before", s.before, _BEFORE), ("after", s.after, _AFTER)]
+    if s.corrected < 0.98 * s.before:
+        bars.insert(1, ("controller\nput right", s.corrected, _RIGHT))
+    low, high = s.interval
+    last = len(bars) - 1
     for x, (_, value, colour) in enumerate(bars):
         axes.bar(x, value, 0.6, color=colour)
-    low, high = s.interval
-    reach = [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]]
-    axes.errorbar([1], [s.after], reach, color="black", capsize=3)
-    for x, value, top in ((0, s.before, s.before), (1, s.after, max(high, s.after))):
+        top = value if x < last else max(value, high)
         axes.annotate(f"{value:.3g}", (x, top), (0, 2), ha="center", textcoords="offset points")
+    reach = [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]]
+    axes.errorbar([last], [s.after], reach, color="black", capsize=3)
     axes.axhline(s.floor, color=_FLOOR, linestyle="--")
     axes.annotate(
-        f"floor {s.floor:.2g}", (1.55, s.floor), (0, 2), textcoords="offset points", color=_FLOOR
+        f"floor {s.floor:.2g}",
+        (last + 0.5, s.floor),
+        (0, 2),
+        textcoords="offset points",
+        color=_FLOOR,
     )
-    axes.set_xlim(-0.5, 2.2)
+    axes.set_xlim(-0.5, last + 1.2)
     axes.set_ylim(0.0, 1.15 * max(s.before, s.after, high))
     axes.set_xticks(range(len(bars)), [name for name, _, _ in bars])
     axes.grid(False, axis="x")
