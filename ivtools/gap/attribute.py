@@ -108,7 +108,7 @@ def attribute(
         named.append(best.name)
         sizes = {**shares, **{t.name: max(t.share, shares[t.name]) for t in tried}}
         alike |= {n for n, size in sizes.items() if size >= rules.alike * sizes[best.name]}
-        ambiguous[best.name] = [t.name for t in good if t is not best and not _told(best, t, rules)]
+        ambiguous[best.name] = [t.name for t in _untold(best, good, rules)]
         told = [t for t in tried if t is not best and t.name not in ambiguous[best.name]]
         rounds[best.name] = (best, told)
         fits, held = best.fits, best.held
@@ -168,9 +168,16 @@ def _tried(
     return tried
 
 
-def _told(best: Trial, other: Trial, rules: Rules) -> bool:
-    """Whether the data tell the best effect from another one."""
-    return other.share < (1.0 - rules.margin) * best.share or best.tells(other) > rules.told
+def _untold(best: Trial, good: list[Trial], rules: Rules) -> list[Trial]:
+    """Return the effects that the data do not tell from the best.
+
+    One rival stays in doubt longer than several: the form of a law is never quite that of the
+    axis, which moves a single pair of curves apart that are the same in kind; of several at once
+    the better form is the likelier one.
+    """
+    near = [t for t in good if t is not best and t.share >= (1.0 - rules.margin) * best.share]
+    rivals = [t for t in near if best.tells(t) < rules.told]
+    return rivals if len(rivals) < 2 else [t for t in rivals if best.tells(t) < rules.several]
 
 
 def _cost(fits: tuple[Fit, ...]) -> float:

@@ -59,7 +59,9 @@ class Rules:
     margin : float
         Effects within this fraction of the best are not told from it, unless
     told : float
-        the block-robust t value of the difference is larger.
+        the block-robust t value of the difference is larger, or
+    several : float
+        larger than this, where there are several such effects.
     refit : int
         Effects of the screening that are fitted.
     most : int
@@ -76,8 +78,9 @@ class Rules:
     line: Bar = Bar(0.015, 12.0, 1.3)
     other: Bar = Bar(0.02, 6.5, 1.67)
     sure: Bar = Bar(0.012, 20.0, 1.25)
-    margin: float = 0.08
+    margin: float = 0.12
     told: float = 4.0
+    several: float = 2.3
     refit: int = 4
     most: int = 4
     alike: float = 0.5
