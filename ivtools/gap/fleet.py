@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 TABLE, OVERVIEW = "fleet.csv", "index.html"
 _HEADER = ("record", "verdict", "effects", "before", "after", "closed")
-_NAME, _EFFECTS, _REMARKS = 16, 21, 12  # columns of a name, of the effects; remarks shown
+_EFFECTS, _REMARKS = 21, 12  # columns of the effects; remarks shown
+_ROOM = 80 - _EFFECTS - 3 * 6 - 5 * 2  # columns that name and verdict share
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +83,8 @@ class Fleet:
 
     def summary(self) -> Text:
         """Return the fleet as a table."""
-        rows = [row for e in self.entries for row in _rows(e)]
+        room = _ROOM - max((len(e.verdict) for e in self.entries), default=0)
+        rows = [row for e in self.entries for row in _rows(e, room)]
         head = [*self._lines(), f"before and after: force error on held-out data, {self.unit} rms"]
         made = table(self._title, head, _HEADER, rows, self._notes(), left=3)
         return Text(made, self._html(f"{self.folder or '.'}/{PAGES}"))
@@ -108,7 +110,7 @@ class Fleet:
     def effects(self) -> dict[str, dict[str, list[float]]]:
         """Return the values of every parameter of the effects that are named, most frequent first.
 
-        The phase of a periodic effect is left out: it differs from record to record.
+        Left out: the phase of a periodic effect, which differs from record to record, and 0.
         """
         counts = Counter(name for e in self.entries for name in e.effects)
         found: dict[str, dict[str, list[float]]] = {name: {} for name, _ in counts.most_common()}
@@ -116,7 +118,7 @@ class Fleet:
             assert entry.content is not None
             for effect, values in entry.content["parameters"].items():
                 for parameter, value in values.items():
-                    if parameter not in ("cosine", "sine"):
+                    if parameter not in ("cosine", "sine") and value != 0.0:
                         found.setdefault(effect, {}).setdefault(parameter, []).append(value)
         return found
 
@@ -202,9 +204,11 @@ def _joined(lines: Sequence[str]) -> list[str]:
     return whole
 
 
-def _rows(entry: Entry) -> list[tuple[str, ...]]:
+def _rows(entry: Entry, room: int) -> list[tuple[str, ...]]:
     """Return the rows of an entry: effects that do not fit go on below."""
-    name = entry.name if len(entry.name) <= _NAME else f"{entry.name[: _NAME - 1]}~"
+    name, half = entry.name, (room - 1) // 2
+    if len(name) > room:  # the end tells records apart as often as the beginning
+        name = f"{name[:half]}~{name[-half:]}"
     effects = wrap(", ".join(entry.effects), _EFFECTS, break_on_hyphens=False) or [""]
     first = (name, entry.verdict, effects[0], *_figures(entry))
     return [first, *(("", "", more, "", "", "") for more in effects[1:])]

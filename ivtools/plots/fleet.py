@@ -102,16 +102,17 @@ def _colour(entry: Entry, name: str) -> tuple[float, float, float]:
 
 
 def _errors(axes: Axes, result: Fleet) -> None:
+    size = 3.2 if len(result) <= _LABELS else 1.8
     for i, entry in enumerate(result):
         s = entry.shrink
         if not s:
             continue
         axes.plot([s["before"], s["after"]], [i, i], color="#c8c8c8", linewidth=1.2, zorder=1)
-        axes.plot(s["before"], i, "o", color=_BEFORE, markersize=3.2)
+        axes.plot(s["before"], i, "o", color=_BEFORE, markersize=size)
         axes.plot(s["interval"], [i, i], color=_AFTER, linewidth=2.6, alpha=0.45, zorder=2)
-        axes.plot(s["after"], i, "o", color=_AFTER, markersize=3.2)
-        axes.plot(s["floor"], i, "|", color=_FLOOR, markersize=6.0, markeredgewidth=1.3)
-    axes.set_xlim(left=0.0)
+        axes.plot(s["after"], i, "o", color=_AFTER, markersize=size)
+        axes.plot(s["floor"], i, "|", color=_FLOOR, markersize=2 * size, markeredgewidth=1.3)
+    axes.set_xlim(0.0, 1.05 * axes.get_xlim()[1])
     axes.set_ylim(len(result) - 0.5, -0.5)
     axes.tick_params(axis="y", which="both", length=0)
     axes.set_xlabel(f"force error, {result.unit} rms")
