@@ -68,10 +68,25 @@ class Comparison:
         wide = max(18, *(len(label) for label in labels)) + 2
         per_block = max(1, (WIDTH - 24) // wide)
         blocks = [labels[i : i + per_block] for i in range(0, len(labels), per_block)]
-        notes = ["standard errors in parentheses", *self.notes]
+        notes = ["standard errors in parentheses", *self._other_signals(), *self.notes]
         return [
             table("Comparison", [], ["", *block], self._rows(block), notes * (block is blocks[-1]))
             for block in blocks
+        ]
+
+    def _marks(self) -> dict[str, str]:
+        """Return the mark of each result whose relative error is not that of the force."""
+        signals = dict(zip(self.frame.columns, (fit.signal for fit in self.results), strict=True))
+        others = list(dict.fromkeys(s for s in signals.values() if s != "force"))
+        return {k: "*" * (others.index(s) + 1) for k, s in signals.items() if s in others}
+
+    def _other_signals(self) -> list[str]:
+        """Say what the marks mean, one line for each signal."""
+        signals = dict(zip(self.frame.columns, (fit.signal for fit in self.results), strict=True))
+        meanings = {mark: signals[label] for label, mark in self._marks().items()}
+        return [
+            f"{mark} of the simulated {signal}: not to be compared with errors of the force"
+            for mark, signal in meanings.items()
         ]
 
     def _column(self, label: str) -> dict[tuple[str, str], float]:
@@ -81,14 +96,23 @@ class Comparison:
 
     def _rows(self, labels: Sequence[str]) -> list[list[str]]:
         """Write the rows of some of the results."""
-        columns = [self._column(label) for label in labels]
+        columns, marks = [self._column(label) for label in labels], self._marks()
         shown = [
             key
             for key in self.frame.index.to_list()
             if key[0] != "std_errors" and any(np.isfinite(column[key]) for column in columns)
         ]
-        return [[LABELS.get(key, key[1]), *(_cell(column, key) for column in columns)]
-                for key in shown]  # fmt: skip
+        direct = ("relative_error", "direct")
+        return [
+            [
+                LABELS.get(key, key[1]),
+                *(
+                    _cell(column, key) + (marks.get(label, "") if key == direct else "")
+                    for label, column in zip(labels, columns, strict=True)
+                ),
+            ]
+            for key in shown
+        ]
 
     def plot(self, **options: Any) -> Figure:
         """Draw the parameters with their intervals side by side, or else a transfer function."""

@@ -320,6 +320,11 @@ class FitResults:
         return self.errors.relative
 
     @property
+    def signal(self) -> str:
+        """What y is: the force, unless the method compares a simulated signal of another kind."""
+        return str(self.extras.get("signal", "force"))
+
+    @property
     def condition_number(self) -> float:
         """Condition number of the observation matrix, in its units."""
         return float(np.linalg.cond(self.X))

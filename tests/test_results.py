@@ -247,6 +247,24 @@ def test_a_holdout_may_be_a_problem_too():
     pd.testing.assert_frame_equal(by_record.frame, by_problem.frame)
 
 
+def test_an_error_of_another_signal_is_marked():
+    """CLOE minimises the error of the position, whose size says nothing beside a force's."""
+    position = {"signal": "position"}
+    fits = [fitted(), fitted("cloe", extras=position), fitted("oloe", extras=position)]
+    velocity = fitted("cloe", extras={"signal": "velocity"})
+    assert [fit.signal for fit in (*fits, velocity)] == ["force", *["position"] * 2, "velocity"]
+    text = lines(str(compare([*fits, velocity])))
+    cells = [cell for line in text if line.startswith("relative error, %") for cell in line.split()]
+    marks = [cell.lstrip("0123456789.") for cell in cells if cell[0].isdigit()]
+    assert marks == ["", "*", "*", "**"]
+    notes = [line for line in text if "not to be compared with errors of the force" in line]
+    assert [note.split(":")[0].strip() for note in notes] == [
+        "* of the simulated position",
+        "** of the simulated velocity",
+    ]
+    assert "not to be compared" not in str(compare(fits[:1]))
+
+
 def test_comparison_shows_itself_in_eighty_columns_however_many_results():
     fits = [fitted(f"method-{i}") for i in range(7)] + [fitted("method-0")]
     comparison = compare(fits, holdout=3)
