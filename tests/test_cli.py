@@ -222,6 +222,20 @@ def test_transfer_functions_can_stand_alone(command, tmp_path):
     assert list(json.loads(out)) == ["transfer_functions"]
 
 
+def test_diagnose_writes_the_json_of_the_interface_and_a_page(command, log, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = Path("gap.json")
+    status, out, err = command("diagnose", log, "--axis", "emps", "--json", file, "--out", "out")
+    assert (status, err) == (0, "") and max(map(len, out.splitlines())) <= 80
+    content = json.loads(file.read_text())
+    assert set(content) >= {
+        "verdict", "effects", "ambiguous_with", "parameters", "where", "shrink", "ranking",
+        "advice", "replicates",
+    }  # fmt: skip
+    page = Path("out/report.html").read_text(encoding="utf-8")
+    assert content["verdict"] in page and page.count("<img") == 3
+
+
 def test_demo_writes_one_page(command, tmp_path):
     status, out, err = command("demo", "--out", tmp_path / "d", "--json", tmp_path / "d.json")
     assert (status, err) == (0, "") and "Estimates against the truth" in out

@@ -75,7 +75,16 @@ def test_summary_and_page_show_the_answer(asymmetric, tmp_path):
     assert "asymmetric-viscous" in asymmetric.summary()
     assert len(asymmetric.plot().axes) == 4
     page = asymmetric.to_html(tmp_path / "gap.html").read_text(encoding="utf-8")
-    assert "explained" in page and "data:image/svg+xml" in page
+    assert "explained" in page and page.count("data:image/svg+xml") == 3
+    assert "on seed 1" in page and "on seed 2" in page  # the values on either side
+
+
+def test_it_says_whether_a_name_replicates_in_both_directions(asymmetric):
+    assert "replicates in both directions" in asymmetric.summary()
+    found = asymmetric.to_dict()["replicates"]["asymmetric-viscous"]
+    assert found["replicates"] is True
+    for side, name in zip(found["sides"], ("seed 1", "seed 2"), strict=True):
+        assert side["side"] == name and side["delta"] == pytest.approx(-35.0, rel=0.1)
 
 
 def test_nothing_missing_is_adequate(loop):

@@ -1,0 +1,67 @@
+"""Each named effect says whether it shows the same on either side."""
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from ivtools.gap.replica import replicas
+from ivtools.gap.trial import Rules
+
+SIDES = ("one", "other")
+
+
+def compared(effect, one, two, checked=()):
+    """Return the replica of an effect with these parameters on either side."""
+    loop = iv.axes.emps()
+    if one:
+        loop = loop.with_effect(effect, **one)
+    values = tuple({f"{effect}.{k}": v for k, v in side.items()} for side in (one, two))
+    (found,) = replicas([effect], SIDES, values, loop, checked, Rules())
+    return found
+
+
+def test_equal_values_replicate_and_are_both_said():
+    found = compared("asymmetric-viscous", {"delta": -37.2}, {"delta": -38.6})
+    assert found.replicates is True
+    assert found.text == (
+        "asymmetric-viscous replicates in both directions: "
+        "delta -37.2 N s/m on one, -38.6 N s/m on other"
+    )
+    assert found.to_dict()["sides"] == [
+        {"side": "one", "delta": -37.2},
+        {"side": "other", "delta": -38.6},
+    ]
+
+
+@pytest.mark.parametrize("other", [-10.0, 37.2, -120.0])
+def test_other_values_do_not(other):
+    found = compared("asymmetric-viscous", {"delta": -37.2}, {"delta": other})
+    assert found.replicates is False and "its values differ" in found.text
+
+
+def test_the_size_decides_and_not_the_shape():
+    one, two = {"force": 5.0, "speed": 0.01}, {"force": 5.5, "speed": 0.02}
+    assert compared("stribeck", one, two).replicates is True
+    assert compared("stribeck", one, {**two, "force": -5.0}).replicates is False
+
+
+def test_a_periodic_effect_may_begin_anywhere():
+    turn = np.exp(2.0j) * (3.0 + 4.0j)
+    one = {"cosine": 3.0, "sine": 4.0, "period": 0.005}
+    found = compared("cogging", one, {"cosine": turn.real, "sine": turn.imag, "period": 0.005})
+    assert found.replicates is True and "amplitude 5 N on one, 5 N on other" in found.text
+    assert "cosine" not in found.text and "5 mm" in found.text
+
+
+def test_what_only_one_side_can_show_is_said():
+    class Side:
+        limit = None
+
+        def __init__(self, **mismatch):
+            self.mismatch = mismatch
+
+    found = compared("controller-mismatch", {}, {}, (Side(), Side(added=0.015)))
+    assert found.replicates is None
+    assert "one side only: added not seen on one, +1.5 % on other" in found.text
+    both = compared("controller-mismatch", {}, {}, (Side(kp=0.03), Side(kp=0.028)))
+    assert both.replicates is True and "kp +3 % on one, +2.8 % on other" in both.text
