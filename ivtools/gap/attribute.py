@@ -17,7 +17,7 @@ from ..physics import Term
 from .candidates import library
 from .confidence import Evidence, evidence
 from .fit import Fit, gauss_newton, steps
-from .rounds import Round, cost, play
+from .rounds import Round, play
 from .rules import Rules
 from .side import Side
 from .trial import Trial, frozen
@@ -75,8 +75,7 @@ class Attribution:
     @property
     def evidence(self) -> dict[str, Evidence]:
         """Per named effect, what speaks for it."""
-        left = cost(self.held)
-        return {n: evidence(b, r.told, self.base, left) for n, (r, b) in self._winners.items()}
+        return {n: evidence(b, r.told, self.base) for n, (r, b) in self._winners.items()}
 
     @property
     def pvalues(self) -> dict[str, float]:

@@ -28,7 +28,7 @@ class Evidence:
     part : float
         Part of the whole reducible gap that it removes.
     left : float
-        Whitened energy that all named effects together leave; 1 is the floor.
+        Whitened energy that it and the effects named before it leave; 1 is the floor.
     """
 
     share: float
@@ -43,7 +43,7 @@ class Evidence:
         return asdict(self)
 
 
-def evidence(trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit], left: float) -> Evidence:
+def evidence(trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit]) -> Evidence:
     """Return what speaks for the effect of a trial.
 
     Parameters
@@ -53,8 +53,6 @@ def evidence(trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit], left: f
         What else was tried in the same round, and can be told from it.
     base : sequence of Fit
         The model without any effect.
-    left : float
-        Whitened energy that all named effects leave.
     """
     whole = max(float(np.mean([b.cost for b in base])) - 1.0, 1e-9)
     return Evidence(
@@ -63,5 +61,17 @@ def evidence(trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit], left: f
         mismatch=trial.ratio,
         rival=max([0.0, *(r.share / trial.share for r in rivals)]),
         part=trial.gain / whole,
-        left=left,
+        left=float(np.mean([h.cost for h in trial.held])),
     )
+
+
+def features(proof: Evidence) -> dict[str, float]:
+    """Return the evidence on the scales on which it adds up."""
+    return {
+        "share": float(np.log(max(proof.share, 1e-3))),
+        "t": float(np.log(max(proof.t, 1.0))),
+        "mismatch": float(np.log(min(max(proof.mismatch, 1.0), 4.0))),
+        "rival": float(np.clip(proof.rival, 0.0, 1.0)),
+        "part": float(np.log(np.clip(proof.part, 1e-3, 1.0))),
+        "left": float(np.log(max(proof.left, 1.0))),
+    }
