@@ -79,6 +79,16 @@ def test_summary_and_page_show_the_answer(asymmetric, tmp_path):
     assert "on seed 1" in page and "on seed 2" in page  # the values on either side
 
 
+def test_the_summary_keeps_within_the_line_whatever_the_names_and_sizes(asymmetric):
+    tiny = replace(
+        asymmetric.shrink, before=1.2345e-5, after=1.2345e-6, interval=(1.1e-6, 1.3e-6), unit="N m"
+    )
+    sides = ("a-record-with-a-long-name-" * 3, "another-" * 9)
+    replicas = tuple(replace(r, sides=sides) for r in asymmetric.replicas)
+    long = replace(asymmetric, name="x" * 200, shrink=tiny, replicas=replicas)
+    assert max(map(len, long.summary().splitlines())) <= 80
+
+
 def test_it_says_whether_a_name_replicates_in_both_directions(asymmetric):
     assert "replicates in both directions" in asymmetric.summary()
     found = asymmetric.to_dict()["replicates"]["asymmetric-viscous"]

@@ -187,7 +187,8 @@ class Diagnosis:
             )
             for r in self.ranking[:8]
         ]
-        return table(f"Diagnosis of {self.name}", self._lines(), header, rows, self._notes())
+        name = self.name if len(self.name) <= 60 else f"{self.name[:30]}~{self.name[-29:]}"
+        return table(f"Diagnosis of {name}", self._lines(), header, rows, self._notes())
 
     def _lines(self) -> list[str]:
         lines = [f"verdict: {self.verdict} ({VERDICTS[self.verdict]})"]
@@ -202,10 +203,11 @@ class Diagnosis:
             lines.append(f"block: {self.block}")
         if self.shrink:
             s = self.shrink
-            lines.append(
+            lines += _wrapped(
                 f"force error: {s.before:.3g} -> {s.after:.3g} {s.unit} "
                 f"[{s.interval[0]:.3g}, {s.interval[1]:.3g}], floor {s.floor:.3g}, "
-                f"closed {100 * s.closed:.0f} %"
+                f"closed {100 * s.closed:.0f} %",
+                "  ",
             )
             if s.corrected < 0.98 * s.before:
                 lines.append(f"  of which the controller, put right: {s.corrected:.3g} {s.unit}")
