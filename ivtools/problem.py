@@ -14,10 +14,15 @@ from .errors import EstimationError, ShapeError
 from .linalg import solve_iv
 from .loop import ClosedLoop, Simulation
 from .loop.model import Theta
+from .loop.observer import driven_by, observed_velocity
 from .pipeline import Motion, Pipeline
 from .record import Record
 
 Array = NDArray[np.float64]
+
+PULL = 0.3  # natural frequency of the observer, in that of the loop
+_SLOW = 0.003  # of the sampling rate, for a loop without a mode of its own
+_OBSERVER_OPTIONS = ("initial", "substeps", "stiction")
 
 
 class Pair(NamedTuple):
@@ -174,10 +179,14 @@ class Problem:
     def paired_rows(
         self, theta: Theta | None, *, filtered: bool = True, scale_gain: bool = False
     ) -> Pair:
-        """Return measured and simulated rows that agree on the direction of motion.
+        """Return measured and simulated rows, the direction of motion observed on both sides.
 
         Around standstill the sign of the measured velocity is noise, and friction multiplies it.
-        Where it differs from the simulated one, the simulated velocity is used on both sides.
+        That of the simulated one is no better where the encoder's noise shakes the axis through
+        the controller. An observer knows both (`ivtools.loop.observer`): where its direction
+        differs, its velocity is used. A sample with a reversal counts for either direction by its
+        share. What the observer gets wrong of a motion without noise, it gets wrong on the
+        simulated side as well.
 
         Parameters
         ----------
@@ -189,26 +198,61 @@ class Problem:
         EstimationError
             If the simulated loop is unstable.
         """
-        motion, force = self._simulated(theta, filtered, scale_gain)
-        agreed = np.sign(self.motion.dq) == np.sign(motion.dq)  # (n_samples, 1)
-        steered = self.motion._replace(dq=np.where(agreed, self.motion.dq, motion.dq))
-        measured, simulated = self._through(steered, self.force), self._through(motion, force)
+        simulation, motion = self._trajectory(theta, filtered, scale_gain)
+        driven = driven_by(simulation.nu, motion, self.record)
+        measured = self._directed(self.motion, self.force, self._observed(self._driven, theta))
+        simulated = self._directed(
+            motion, self.pipeline.align(simulation.tau), self._observed(driven, theta)
+        )
         return Pair(measured[:, :-1], measured[:, -1], simulated[:, :-1], simulated[:, -1])
+
+    @cached_property
+    def _driven(self) -> Record:
+        return driven_by(self.loop.command(self.record), self.motion, self.record)
+
+    def _observed(self, driven: Record, theta: Theta | None) -> Array:
+        """Return the observed velocity, (n_samples, 1)."""
+        options = {k: v for k, v in self.simulation.items() if k in _OBSERVER_OPTIONS}
+        return observed_velocity(self.loop, driven, theta, self._pull_hz, **options)
+
+    @cached_property
+    def _pull_hz(self) -> float:
+        """Natural frequency of the observer: well below the loop's, which follows the noise."""
+        natural = self.loop.natural_frequency_hz(self.record.dt, self.start["inertia"])
+        return PULL * natural if natural > 0.0 else _SLOW * self.record.sampling_hz
+
+    def _directed(self, motion: Motion, force: Array, dq: Array) -> Array:
+        """Return the rows of a trajectory that moves in the direction of dq (n_samples, 1)."""
+        t = self.record.t - self.record.t[0]
+        columns = self.loop.regressor(_turned(motion, dq), force, t)  # (n_samples, p)
+        later = np.append(dq[1:], dq[-1:], axis=0)
+        k = np.flatnonzero(np.sign(dq) * np.sign(later) < (later != 0.0))  # a reversal follows
+        part = Motion(*(signal[k] for signal in motion))
+        behind = self.loop.regressor(_turned(part, later[k]), force[k], t[k])
+        share = np.abs(later[k]) / (np.abs(dq[k]) + np.abs(later[k]))  # of the sample, behind it
+        columns[k] += share * (behind - columns[k])
+        return self.pipeline.rows(np.hstack([columns, force]), self._speed)
 
     def _simulated(
         self, theta: Theta | None, filtered: bool, scale_gain: bool
     ) -> tuple[Motion, Array]:
         """Return motion and aligned force of the simulated loop, (n_samples, 1) each."""
+        simulation, motion = self._trajectory(theta, filtered, scale_gain)
+        return motion, self.pipeline.align(simulation.tau)
+
+    def _trajectory(
+        self, theta: Theta | None, filtered: bool, scale_gain: bool
+    ) -> tuple[Simulation, Motion]:
+        """Simulate the loop; also return its motion, band-passed if asked for."""
         values = self.loop.values(theta)
         loop = self.scaled_loop(values["inertia"]) if scale_gain else self.loop
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable loop is told below
             simulation = loop.simulate(self.record, values, **self.simulation)
         if not simulation.finite:
             raise EstimationError("the simulated loop is unstable at these parameters")
-        motion = simulation.motion
-        if filtered:
-            motion = self.pipeline.differentiate(simulation.q, self.record.dt)
-        return motion, self.pipeline.align(simulation.tau)
+        if not filtered:
+            return simulation, simulation.motion
+        return simulation, self.pipeline.differentiate(simulation.q, self.record.dt)
 
     def scaled_loop(self, inertia: float) -> ClosedLoop:
         """Return the loop that keeps the real bandwidth whatever the inertia, kg or kg m2.
@@ -246,3 +290,8 @@ class Problem:
         """Return the problem with the terms of these parameters only."""
         terms = [t for t in self.loop.terms if t.law is None or set(t.names) & set(names)]
         return replace(self, loop=self.loop.with_terms(*terms))
+
+
+def _turned(motion: Motion, dq: Array) -> Motion:
+    """Return the motion with the velocity dq where it has another direction."""
+    return motion._replace(dq=np.where(np.sign(motion.dq) == np.sign(dq), motion.dq, dq))

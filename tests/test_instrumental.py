@@ -139,25 +139,23 @@ def test_results_hold_what_was_solved(problem):
     np.testing.assert_array_equal(IDIMLS().fit(problem).t, problem.t)
     assert fit.n_simulations == fit.n_iter
     assert "simulated loop makes as well" in fit.notes[0]
-    assert kept[0] == 6
-    assert kept[-1] < len(problem.y) - 6
+    assert kept[0] == 3
+    assert kept[-1] < len(problem.y) - 3
 
 
 # --- the direction of motion ----------------------------------------------------------------------
 
 
-def test_the_direction_of_motion_is_the_simulated_one(problem):
-    record = problem.record
+def test_the_direction_of_motion_is_the_axis_own(problem):
+    """Noise of the encoder alone, that the command does not know of, turns no row around."""
+    record, truth = problem.record, problem.record.theta_true
     noise = np.random.default_rng(3).normal(0.0, 1e-5, record.q.shape)
-    problem = replace(problem, record=record.replace(q=record.q + noise))
-    pair = problem.paired_rows(problem.record.theta_true)
-    np.testing.assert_array_equal(pair.X_s, problem.instruments(problem.record.theta_true))
-    np.testing.assert_array_equal(pair.y, problem.y)
     full = replace(problem, pipeline=replace(problem.pipeline, decimation=1))
-    pair = full.paired_rows(problem.record.theta_true)
-    ahead, simulated = pair.X[:, 2] > 0, pair.X_s[:, 2] > 0
-    np.testing.assert_array_equal(ahead, simulated)
-    assert np.any(full.X[:, 2] != pair.X[:, 2])
+    noisy = replace(full, record=record.replace(q=record.q + noise))
+    np.testing.assert_array_equal(noisy.paired_rows(truth).y, noisy.y)
+    clean, ahead = full.paired_rows(truth).X[:, 2], noisy.paired_rows(truth).X[:, 2]
+    turned = np.count_nonzero(np.abs(ahead - clean) > 0.5)
+    assert turned < 0.4 * np.count_nonzero(np.abs(noisy.X[:, 2] - clean) > 0.5)
 
 
 # --- robust and weighted forms --------------------------------------------------------------------

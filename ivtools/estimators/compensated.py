@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-SETTLING_ROWS = 6  # decimated rows at either end that its filter's start and stop reach
+SETTLING_ROWS = 3  # decimated rows at either end that its filter's start and stop reach
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,11 @@ class IDIMBCIV(IDIMIV):
         Z' (y - (y_s - X_s theta_k) - X theta) = 0,    Z = X_s(theta_k).
 
     On a record without noise it returns theta to the accuracy of the simulation. Two more
-    sources of error are closed: the direction of motion is the simulated one on both sides
-    (`Problem.paired_rows`), and the rows at the ends, where filters extrapolate noise, are left
-    out, which alone divides the variance by up to ten at a noisy encoder.
+    sources of error are closed. The direction of motion is that of the axis itself on both sides,
+    which an observer reads from the recorded command (`Problem.paired_rows`): noise of the encoder
+    shakes the axis through the controller, and around a reversal neither the measured velocity
+    nor a simulation without noise knows which way it goes. And the rows at the ends, where filters
+    extrapolate noise, are left out.
 
     The principle is that of bias-compensating estimators and of indirect inference, with one
     noise-free simulation in the place of the binding function.
