@@ -9,7 +9,7 @@ from typing import Any
 
 from .cases import Case, draw
 from .scores import score
-from .suites import Task
+from .suites import MEASURED, Task
 from .truth import measure
 
 
@@ -43,7 +43,7 @@ def diagnosed(case: Case, task: Task, truth: bool) -> dict[str, Any]:
     gap = iv.diagnose(first, loop, holdout=second, without=left_out)
     times = {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
     found = gap.to_dict()
-    figures = measure(case, gap, loop) if truth and not case.label.get("burst") else None
+    figures = measure(case, gap, loop) if truth and task.suite in MEASURED else None
     return {
         "score": score(found, case.label),
         "time": times,

@@ -8,9 +8,12 @@ import numpy as np
 import pandas as pd
 
 from .calibration import Reliability, coverage, wilson
+from .cases import DETECTABLE
 from .effects import EFFECTS
 from .scores import GOOD, SPURIOUS
 
+#: Backgrounds out of which the effect stands as it must out of the noise.
+CLEAR = "background, visible over it"
 #: Aims, as shares: of good answers per suite, and most spurious names.
 AIMS = {
     "single": (0.95, 0.02),
@@ -20,6 +23,7 @@ AIMS = {
     "outside": (0.95, 0.05),
     "background": (0.80, 0.02),
     "background, nothing hidden": (1.0, 0.0),
+    CLEAR: (0.80, 0.02),
 }
 _AIM_OF = {"flexibility": 0.90, "backlash": 0.80}
 _VISIBLE = (0.0, 0.1, 0.15, 0.2, 0.3, 0.5, np.inf)
@@ -50,8 +54,10 @@ def named(table: pd.DataFrame) -> pd.Series:
 def suites(table: pd.DataFrame) -> str:
     """Return good and spurious answers per suite beside their aims."""
     rows = []
-    for name, group in table.groupby(named(table), sort=False):
-        if name == "small":
+    clear = table[table["over_background"] >= DETECTABLE]
+    groups = [*table.groupby(named(table), sort=False), (CLEAR, clear)]
+    for name, group in groups:
+        if name == "small" or not len(group):
             continue
         good = group["score"].isin(GOOD[str(name).partition(",")[0]])
         bad, n = group["score"].isin(SPURIOUS), len(group)
@@ -108,7 +114,7 @@ def _background(group: pd.DataFrame) -> tuple[object, ...]:
 def closing(table: pd.DataFrame) -> str:
     """Return how far the gap is closed where the answer is right, and the interval's coverage."""
     rows = []
-    right = table[table["score"].isin(("right", "ambiguous")) & (table["truth"] != "")]
+    right = table[table["score"].isin(("right", "ambiguous")) & (table["named"] != "")]
     for name, group in [*right.groupby("suite", sort=False), ("all", right)]:
         inside = coverage(group)
         if not len(inside):

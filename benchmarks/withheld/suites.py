@@ -118,6 +118,8 @@ SUITES: dict[str, Callable[[range], Iterator[Task]]] = {
     "bursts": _bursts,
     "small": _small,
 }
+#: Suites whose true held-out figures are measured.
+MEASURED = ("single", "none", "two", "background")
 #: Seeds of a full run: at least 20 cases per effect, 100 without, 60 pairs, 108 backgrounds.
 FULL = {
     "single": 20,
@@ -126,5 +128,5 @@ FULL = {
     "outside": 3,
     "background": 6,
     "bursts": 6,
-    "small": 4,
+    "small": 3,
 }
