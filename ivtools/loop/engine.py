@@ -75,10 +75,11 @@ def plant(
         )
     on["laws"] = sum(mechanics.BITS.get(t.name, 0) for t in loop.terms if t not in mine)
     on["presliding"] &= bool(np.isfinite(p["presliding.stiffness"]))
-    on["sign"] = not stiction
-    on["structure"] = not stiction or any(on[name] for name in mechanics.STRUCTURAL)
-    on["held"] = not (general or loop.delay > 0.0 or on["structure"] or on["drive-timing"])
-    on["effects"] = not on["held"] or on["laws"] or on["own"]
+    on["two"] = any(on[name] for name in mechanics.TWO_MASSES)
+    on["sign"] = not (stiction or on["presliding"])  # a bristle needs no rule of standstill
+    on["beyond"] = on["laws"] or on["own"] or on["presliding"]
+    timed = general or loop.delay > 0.0 or on["drive-timing"]
+    on["effects"] = timed or on["two"] or on["sign"] or on["beyond"]
     return Plant(p, on, _compile(mine) if mine else mechanics.no_law)
 
 

@@ -1,8 +1,9 @@
 """Integrator: from one sample to the next.
 
-A reversal is located inside the step, where the exact rule of dry friction decides whether the axis
-stays or leaves: it leaves only in a direction in which the force exceeds the friction there. No
-smoothing constant, no chatter, and the answer converges with the step at the method's order.
+A step ends where its mode does: a mass reverses, breaks away, or meets the other one across a gap.
+Each such event is located inside the step; at standstill the exact rule of dry friction decides
+whether a mass stays or leaves: it leaves only in a direction in which the force exceeds the
+friction there. No smoothing constant, no chatter, and the answer converges with the step.
 """
 
 # Compiled functions carry no annotations: Numba infers them, and mypy cannot see through it.
@@ -10,141 +11,54 @@ smoothing constant, no chatter, and the answer converges with the step at the me
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
 
-from .mechanics import masses_of, nets, resistance
-from .steps import (
-    closed_form,
-    force_at,
-    forces,
-    glide,
-    glided,
-    one_mass,
-    one_mass_step,
-    runge_kutta,
-)
+from ..physics.transmission import contact, contact_margin
+from .compiled import compiled, inlined
+from .mechanics import derive, link_force, load_net, motor_net
+from .steps import glide, glided, one_mass, one_mass_step, phi, runge_kutta, two_masses
 
-_MAX_EVENTS, _MAX_SUBSTEPS = 8, 64
+_MAX_EVENTS = 8
+_INSIDE = np.inf  # margin of what cannot happen
 
 
-@njit(error_model="numpy")
-def _direction(up, down):
-    """Return the direction in which a mass at rest leaves; 0 if it stays."""
-    return 1.0 if up > 0.0 else (-1.0 if down < 0.0 else 0.0)
+class Pace(NamedTuple):
+    """How a span of the sample is integrated: so many steps of length h."""
+
+    steps: int
+    h: float  # s
+    ahead: tuple  # `glide` of one rigid mass in both directions
+    back: tuple
+    first: float  # a lagging force as a straight line over a step: at its start, at its end,
+    last: float
+    decay: float  # and what remains of it for the next step
 
 
-@njit(error_model="numpy", forceinline=True)
-def _rigid_directions(x, tau, t, p, on, user, masses):
-    """Return the directions of motion (s1, s2) of motor and load; 0 is standstill."""
-    if x[1] != 0.0:
-        return np.sign(x[1]), 0.0
-    up = tau - resistance(x[0], 0.0, 1.0, tau, t, p, on, user)
-    down = tau - resistance(x[0], 0.0, -1.0, tau, t, p, on, user)
-    return _direction(up, down), 0.0
+@compiled
+def _pace(span, dt, p, on):
+    steps = int(np.ceil(p["steps"] * span / dt - 1e-9))
+    h = span / max(steps, 1)
+    first = last = decay = 0.0
+    if on["drive-timing"] and p["drive-timing.lag"] > 0.0:
+        first, last, decay = lagging(h / p["drive-timing.lag"])
+    return Pace(steps, h, glide(1.0, h, p), glide(-1.0, h, p), first, last, decay)
 
 
-@njit(error_model="numpy")
-def _directions(x, tau, t, p, on, user, masses):
-    """Do the same for two masses; a bristle has no standstill and gives 0 for its mass."""
-    if on["sign"]:  # friction as its formula says, with no rule of standstill
-        return 0.0, 0.0
-    s1 = np.sign(x[1]) if not on["presliding"] else 0.0
-    s2 = np.sign(x[3]) if on["flexibility"] or on["backlash"] else 0.0
-    if x[1] == 0.0 and not on["presliding"]:
-        up, _, _ = nets(x, 1.0, s2, tau, t, p, on, user, masses)
-        down, _, _ = nets(x, -1.0, s2, tau, t, p, on, user, masses)
-        s1 = _direction(up, down)
-    if x[3] == 0.0 and (on["flexibility"] or on["backlash"]):
-        _, up, _ = nets(x, s1, 1.0, tau, t, p, on, user, masses)
-        _, down, _ = nets(x, s1, -1.0, tau, t, p, on, user, masses)
-        s2 = _direction(up, down)
-    return s1, s2
+@compiled
+def lagging(z):
+    """Return a force that decays as exp(-z t/h), as a straight line over a step of length h.
+
+    It may decay within a fraction of the step; the line has the same impulse and the same first
+    moment, which is smooth in the lag down to none. Returned are its ends, and exp(-z).
+    """
+    mean, moment = phi(z)
+    first = 6.0 * moment - 2.0 * mean
+    return first, 2.0 * mean - first, np.exp(-z)
 
 
-def _build(step, directions):
-    """Compile the advance over one sample around a plain step and its rule of standstill."""
-
-    @njit(error_model="numpy")
-    def reversal(x, y, s1, s2, h, drive, at, t, p, on, user, masses):
-        """Return the state and time at which the first of the velocities reaches zero."""
-        motor = x[1] / (x[1] - y[1]) if y[1] * s1 < 0.0 else 2.0
-        load = x[3] / (x[3] - y[3]) if y[3] * s2 < 0.0 else 2.0
-        first = 1 if motor <= load else 3
-        a, va, b, vb, c = 0.0, x[first], h, y[first], 0.0
-        for _ in range(4):  # the velocity is nearly straight over a step: secants are enough
-            c = a + (b - a) * va / (va - vb)
-            y, _ = step(x, s1, s2, c, drive, at, t, p, on, user, masses)
-            if y[first] * va > 0.0:
-                a, va = c, y[first]
-            else:
-                b, vb = c, y[first]
-            if va == vb or vb == 0.0:
-                break
-        return (y[0], y[1] * (first != 1), y[2], y[3] * (first != 3), y[4]), c
-
-    @njit(error_model="numpy")
-    def past_reversals(x, y, s1, s2, h, drive, at, t, p, on, user, masses):
-        """Integrate over h, stopping at every reversal on the way; y is where a step led."""
-        for _ in range(_MAX_EVENTS):
-            x, used = reversal(x, y, s1, s2, h, drive, at, t, p, on, user, masses)
-            h, at, t = h - used, at + used, t + used
-            s1, s2 = directions(x, forces(drive, at, h)[0], t, p, on, user, masses)
-            y, _ = step(x, s1, s2, h, drive, at, t, p, on, user, masses)
-            if y[1] * s1 >= 0.0 and y[3] * s2 >= 0.0:
-                return y
-        # so many events are chatter about standstill: what rests now rests to the end of the step
-        y, _ = step(x, np.sign(x[1]), np.sign(x[3]), h, drive, at, t, p, on, user, masses)
-        return y
-
-    @njit(error_model="numpy")
-    def advance(x, h, drive, at, t, p, on, user, masses):
-        """Integrate over h; also return the motor's acceleration at the start."""
-        s1, s2 = directions(x, forces(drive, at, h)[0], t, p, on, user, masses)
-        y, a = step(x, s1, s2, h, drive, at, t, p, on, user, masses)
-        if y[1] * s1 >= 0.0 and y[3] * s2 >= 0.0:
-            return y, a
-        return past_reversals(x, y, s1, s2, h, drive, at, t, p, on, user, masses), a
-
-    return advance
-
-
-_rigid = _build(closed_form, _rigid_directions)
-_general = _build(one_mass, _rigid_directions)
-_structure = _build(runge_kutta, _directions)
-
-
-@njit(error_model="numpy", forceinline=True)
-def glides(dt, p):
-    """Return what `rigid_step` needs to know of motions ahead and back over a whole sample."""
-    return glide(1.0, dt, p), glide(-1.0, dt, p)
-
-
-@njit(error_model="numpy", forceinline=True)
-def rigid_step(q, v, tau, dt, ahead_and_back, p, on, user):
-    """Advance one rigid mass over one sample under a held force; also return the acceleration."""
-    ahead, back = ahead_and_back
-    place, speed, a = glided(q, v, dt, tau, p["inertia"], ahead if v > 0.0 else back)
-    if v * speed > 0.0:  # no reversal on the way
-        return place, speed, a
-    held = (tau, 0.0, 0.0, 0.0)
-    x, a = _rigid((q, v, 0.0, 0.0, 0.0), dt, held, 0.0, 0.0, p, on, user, (0.0,) * 6)
-    return x[0], x[1], a
-
-
-@njit(error_model="numpy")
-def _substeps(x, h, n, p, on, user):
-    """Return how many steps this span needs: a moving bristle is stiff."""
-    if on["presliding"]:
-        up = resistance(x[0], 0.0, 1.0, 0.0, 0.0, p, on, user)
-        level = 0.5 * (up - resistance(x[0], 0.0, -1.0, 0.0, 0.0, p, on, user))
-        if level > 0.0:
-            stiff = p["presliding.stiffness"] * abs(x[1]) * h / (1.5 * level)
-            return min(max(n, int(np.ceil(stiff))), _MAX_SUBSTEPS)
-    return n
-
-
-@njit(error_model="numpy")
+@compiled
 def drive_delay(dt, p, on):
     """Return the drive's delay as whole samples and the fraction of one that is left."""
     delay = (p["delay"] + (p["drive-timing.delay"] if on["drive-timing"] else 0.0)) / dt
@@ -152,25 +66,211 @@ def drive_delay(dt, p, on):
     return int(whole), max(delay - whole, 0.0)
 
 
-@njit(error_model="numpy")
-def _segment(x, force, command, span, slope, disturbance, t, n, p, on, user):
-    """Advance over a span in which the command is held, or ramps."""
-    lag = p["drive-timing.lag"] if on["drive-timing"] else 0.0
-    target = p["gain"] * command
-    drive = (target + disturbance, force - target, lag, p["gain"] * slope)
-    masses, steps = masses_of(p, on), _substeps(x, span, n, p, on, user)
-    h, acceleration = span / steps, 0.0
-    for i in range(steps):
-        if on["structure"]:
-            x, a = _structure(x, h, drive, i * h, t + i * h, p, on, user, masses)
+@compiled
+def plan(dt, n, p, on):
+    """Derive what the integrator needs; return the pace before and after the drive's delay."""
+    derive(dt, n, p, on)
+    first = drive_delay(dt, p, on)[1] * dt
+    return _pace(first, dt, p, on), _pace(dt - first, dt, p, on)
+
+
+# --- modes: directions of motion, and the side of contact --------------------------------------
+
+
+@compiled
+def _motor_leaving(x, link, tau, t, p, on, user):
+    """Return the net force on the motor if it moved ahead, and if it moved back."""
+    up = motor_net(x, 1.0, link, tau, t, p, on, user)
+    return up, motor_net(x, -1.0, link, tau, t, p, on, user)
+
+
+@compiled
+def _load_leaving(x, link, tau, t, p, on, user):
+    """Do the same for the load."""
+    up = load_net(x, 1.0, link, tau, t, p, on, user)
+    return up, load_net(x, -1.0, link, tau, t, p, on, user)
+
+
+@compiled
+def _direction(leaving):
+    """Return the direction in which a mass at rest leaves; 0 if it stays."""
+    up, down = leaving
+    return 1.0 if up > 0.0 else (-1.0 if down < 0.0 else 0.0)
+
+
+@compiled
+def _held(leaving):
+    """Return how much more force holds a mass at rest, N."""
+    up, down = leaving
+    return min(-up, down)
+
+
+@compiled
+def _mode(x, side, tau, t, p, on, user):
+    """Return the mode (s1, s2, side): directions of motion, 0 at standstill, and the contact."""
+    s1, s2 = np.sign(x[1]), 0.0
+    link = link_force(x, side, p)
+    if s1 == 0.0:
+        s1 = _direction(_motor_leaving(x, link, tau, t, p, on, user))
+    if on["two"]:
+        s2 = np.sign(x[3])
+        if s2 == 0.0:
+            s2 = _direction(_load_leaving(x, link, tau, t, p, on, user))
+    return s1, s2, side
+
+
+@compiled
+def _margins(x, mode, tau, t, p, on, user):
+    """Return how far motor, load and contact are from leaving the mode; negative once they have."""
+    s1, s2, side = mode
+    motor, load, meeting = s1 * x[1], s2 * x[3], _INSIDE
+    link = link_force(x, side, p)
+    if s1 == 0.0:
+        motor = _held(_motor_leaving(x, link, tau, t, p, on, user))
+    if not on["two"]:
+        return motor, _INSIDE, _INSIDE
+    if s2 == 0.0:
+        load = _held(_load_leaving(x, link, tau, t, p, on, user))
+    if p["gap"] > 0.0:
+        stretch, rate = x[0] - x[2], x[1] - x[3]
+        meeting = contact_margin(stretch, rate, side, p["k"], p["c"], p["gap"])
+    return motor, load, meeting
+
+
+# --- events ------------------------------------------------------------------------------------
+
+
+@compiled
+def _step(x, mode, h, tau, rise, t, p, on, user):
+    """Move over h in one mode; also return the motor's acceleration at the start."""
+    if h <= 0.0:
+        return x, 0.0
+    if on["two"]:
+        return two_masses(x, mode, h, tau, rise, t, p, on, user)
+    return one_mass(x, mode, h, tau, rise, t, p, on, user)
+
+
+@compiled
+def _first(before, after):
+    """Return which margin is the first to be used up, on straight lines."""
+    which, earliest = 0, 2.0
+    for i in range(3):
+        if after[i] < 0.0:
+            start = max(before[i], 0.0)
+            if start / (start - after[i]) < earliest:
+                which, earliest = i, start / (start - after[i])
+    return which
+
+
+@compiled
+def _event(x, mode, after, h, tau, rise, t, p, on, user):
+    """Return state and time of the first event, and which it is; `after` are margins behind it."""
+    before = _margins(x, mode, tau, t, p, on, user)
+    which = _first(before, after)
+    a, va, b, vb, c, y = 0.0, max(before[which], 0.0), h, after[which], 0.0, x
+    for _ in range(4):  # margins are nearly straight over a step: secants are enough
+        c = a + (b - a) * va / (va - vb)
+        y, _ = _step(x, mode, c, tau, rise, t, p, on, user)
+        margin = _margins(y, mode, tau + rise * c, t + c, p, on, user)[which]
+        if margin > 0.0:
+            a, va = c, margin
         else:
-            x, a = _general(x, h, drive, i * h, t + i * h, p, on, user, masses)
-        acceleration = a if i == 0 else acceleration
-    return x, force_at(drive, span) - disturbance, acceleration
+            b, vb = c, margin
+        if va == vb or vb == 0.0:
+            break
+    return y, c, which
 
 
-@njit(error_model="numpy")
-def plant_step(x, force, old, new, part, slope, disturbance, t, dt, n, p, on, user):
+@compiled
+def _after(x, which, mode, tau, t, p, on, user):
+    """Return state and mode after a reversal, a break-away or a change of contact."""
+    (q1, v1, q2, v2, z), (s1, s2, side) = x, mode
+    if which == 2:
+        side = 0.0 if side != 0.0 else np.sign(q1 - q2)
+        return x, _mode(x, side, tau, t, p, on, user)
+    x = (q1, v1 if which else 0.0, q2, v2 if which == 0 else 0.0, z)
+    n1, n2, _ = _mode(x, side, tau, t, p, on, user)
+    link = link_force(x, side, p)
+    if which == 0 and s1 == 0.0:
+        n1 = np.sign(sum(_motor_leaving(x, link, tau, t, p, on, user)))
+    if which == 1 and s2 == 0.0:
+        n2 = np.sign(sum(_load_leaving(x, link, tau, t, p, on, user)))
+    return x, (n1, n2, side)
+
+
+@compiled
+def _past_events(x, mode, margins, h, tau, rise, t, p, on, user):
+    """Move over h, stopping at every event on the way; `margins` are those at the end."""
+    for _ in range(_MAX_EVENTS):
+        x, used, which = _event(x, mode, margins, h, tau, rise, t, p, on, user)
+        h, t, tau = h - used, t + used, tau + rise * used
+        x, mode = _after(x, which, mode, tau, t, p, on, user)
+        y, _ = _step(x, mode, h, tau, rise, t, p, on, user)
+        margins = _margins(y, mode, tau + rise * h, t + h, p, on, user)
+        if min(margins) >= 0.0:
+            return y
+    # so many events are chatter about standstill: what rests now rests to the end of the step
+    mode = np.sign(x[1]), np.sign(x[3]), mode[2]
+    return _step(x, mode, h, tau, rise, t, p, on, user)[0]
+
+
+@compiled
+def _through(x, h, tau, rise, t, p, on, user):
+    """Move over h, through whatever happens; also return the motor's first acceleration."""
+    side = 0.0
+    if on["two"]:
+        side = contact(x[0] - x[2], x[1] - x[3], p["k"], p["c"], p["gap"])
+    mode = _mode(x, side, tau, t, p, on, user)
+    y, a = _step(x, mode, h, tau, rise, t, p, on, user)
+    margins = _margins(y, mode, tau + rise * h, t + h, p, on, user)
+    if min(margins) >= 0.0:
+        return y, a
+    return _past_events(x, mode, margins, h, tau, rise, t, p, on, user), a
+
+
+# --- from one sample to the next ---------------------------------------------------------------
+
+
+@inlined
+def rigid_step(q, v, tau, pace, p, on, user):
+    """Advance one rigid mass over one sample under a held force; also return the acceleration."""
+    glides = pace.ahead if v > 0.0 else pace.back
+    place, speed, a = glided(q, v, pace.h, tau, p["inertia"], glides)
+    if v * speed > 0.0:  # no reversal on the way
+        return place, speed, a
+    x, a = _through((q, v, 0.0, 0.0, 0.0), pace.h, tau, 0.0, 0.0, p, on, user)
+    return x[0], x[1], a
+
+
+@compiled
+def _advance(x, tau, rise, t, pace, p, on, user):
+    """Move over one step; also return the motor's acceleration at the start."""
+    h = pace.h
+    if on["sign"]:
+        return runge_kutta(x, h, tau, rise, t, p, on, user)
+    if x[1] != 0.0 and not on["two"]:
+        s, glides = np.sign(x[1]), pace.ahead if x[1] > 0.0 else pace.back
+        q, v, z, a = one_mass_step(x[0], x[1], x[4], s, h, tau, rise, t, glides, p, on, user)
+        if v * s > 0.0:  # no reversal on the way
+            return (q, v, 0.0, 0.0, z), a
+    return _through(x, h, tau, rise, t, p, on, user)
+
+
+@compiled
+def _segment(x, force, command, slope, disturbance, t, pace, p, on, user):
+    """Advance over a span in which the command is held, or ramps."""
+    target, rise, h = p["gain"] * command, p["gain"] * slope, pace.h
+    lagging, acceleration = force - target, 0.0
+    for i in range(pace.steps):
+        tau = target + disturbance + rise * (i * h) + lagging * pace.first
+        over = rise + lagging * (pace.last - pace.first) / h
+        x, a = _advance(x, tau, over, t + i * h, pace, p, on, user)
+        lagging, acceleration = lagging * pace.decay, a if i == 0 else acceleration
+    return x, target + rise * (pace.steps * h) + lagging, acceleration
+
+
+@compiled
+def plant_step(x, force, old, new, slope, disturbance, t, plan, p, on, user):
     """Advance drive and mechanics over one sample.
 
     Parameters
@@ -181,16 +281,14 @@ def plant_step(x, force, old, new, part, slope, disturbance, t, dt, n, p, on, us
         Drive force at the start of the sample, N; it matters only if the drive lags.
     old, new : float
         The command before and after the drive's delay has passed within this sample.
-    part : float
-        The fraction of the sample at which it has passed.
     slope : float
         Slope of the command, 1/s (0 for a held one).
     disturbance : float
         Force from outside over the sample, N.
-    t, dt : float
-        Time at the start of the sample and its length, s.
-    n : int
-        Integration steps per sample.
+    t : float
+        Time at the start of the sample, s.
+    plan : tuple
+        The pace before and after the delay has passed, from `plan`.
     p, on, user
         Parameters, flags, and the slot of a user's own law.
 
@@ -200,19 +298,15 @@ def plant_step(x, force, old, new, part, slope, disturbance, t, dt, n, p, on, us
     acceleration : float
         Acceleration at the start of the sample, m/s2 or rad/s2.
     """
+    before, after = plan
     if not on["effects"]:
         tau = p["gain"] * new + disturbance
-        q, v, acceleration = rigid_step(x[0], x[1], tau, dt, glides(dt, p), p, on, user)
+        q, v, acceleration = rigid_step(x[0], x[1], tau, after, p, on, user)
         return (q, v, 0.0, 0.0, 0.0), force, acceleration
-    if on["held"] and n == 1 and x[1] != 0.0:
-        tau, s = p["gain"] * new + disturbance, np.sign(x[1])
-        q, v, acceleration = one_mass_step(x[0], x[1], s, dt, tau, tau, tau, t, p, on, user)
-        if v * s > 0.0:  # no reversal on the way
-            return (q, v, 0.0, 0.0, 0.0), force, acceleration
-    if part == 0.0:  # a command that switches inside the sample makes two segments
-        return _segment(x, force, new, dt, slope, disturbance, t, n, p, on, user)
-    first, rest = part * dt, dt - part * dt
-    x, force, acceleration = _segment(x, force, old, first, slope, disturbance, t, n, p, on, user)
-    late, t = new + slope * first, t + first
-    x, force, _ = _segment(x, force, late, rest, slope, disturbance, t, n, p, on, user)
-    return x, force, acceleration
+    if before.steps == 0:
+        return _segment(x, force, new, slope, disturbance, t, after, p, on, user)
+    x, force, a = _segment(x, force, old, slope, disturbance, t, before, p, on, user)
+    passed = before.steps * before.h
+    late, t = new + slope * passed, t + passed
+    x, force, _ = _segment(x, force, late, slope, disturbance, t, after, p, on, user)
+    return x, force, a

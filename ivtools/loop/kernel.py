@@ -17,8 +17,11 @@ import platformdirs
 from numba import boolean, config, float64, from_dtype, int64, njit, types, void
 
 from ..physics.sensor import encoder
-from .integrator import drive_delay, glides, plant_step, rigid_step
+from .compiled import compiled
+from .integrator import drive_delay, plan, plant_step, rigid_step
 from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW
+
+_COMPILED = ("kernel", "integrator", "steps", "mechanics", "compiled")
 
 
 def _cached(*signature):
@@ -30,7 +33,7 @@ def _cached(*signature):
 
     def decorate(function):
         here = Path(__file__).parent
-        compiled = [here / f"{name}.py" for name in ("kernel", "integrator", "steps", "mechanics")]
+        compiled = [here / f"{name}.py" for name in _COMPILED]
         sources = [*compiled, *sorted((here.parent / "physics").glob("*.py"))]
         digest = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()[:12]
         default = config.CACHE_DIR
@@ -43,7 +46,7 @@ def _cached(*signature):
     return decorate
 
 
-@njit(error_model="numpy")
+@compiled
 def measure(q, noise, quantum, p, on):
     """Return the position that the encoder reports, m or rad."""
     if on["encoder-eccentricity"]:
@@ -57,7 +60,7 @@ def measure(q, noise, quantum, p, on):
     return np.floor(q / quantum + 0.5) * quantum if quantum > 0.0 else q
 
 
-@njit(error_model="numpy")
+@compiled
 def _fill_before(seen, law, sent, past, delay, whole, first, q, v, dt, p, on):
     """Fill in what the controller had seen and sent before the record."""
     for i in range(past):
@@ -68,7 +71,7 @@ def _fill_before(seen, law, sent, past, delay, whole, first, q, v, dt, p, on):
         sent[i] = first[delay]
 
 
-@njit(error_model="numpy")
+@compiled
 def _dynamic(inner, following, a_matrix, b_matrix, c_row, d_row, q_ref, q):
     """Return the output of the state-space part, and move its state on."""
     value = d_row[0] * q_ref + d_row[1] * q
@@ -150,12 +153,12 @@ def run(
     record.
     """
     samples, past = q_ref.size, taps.size - 1
-    whole, part = drive_delay(dt, p, on)
+    whole, planned = drive_delay(dt, p, on)[0], plan(dt, n, p, on)
     seen, law = np.empty(past + samples), np.empty(delay + samples)
     sent, following = np.empty(whole + 1 + samples), np.empty(inner.size)
     _fill_before(seen, law, sent, past, delay, whole, first, q_start, v_start, dt, p, on)
     q, v, force, gain = q_start, v_start, p["gain"] * first[delay], p["gain"]
-    x, rigid, ahead_and_back = (q, v, q, v, 0.0), not on["effects"], glides(dt, p)
+    x, rigid, pace = (q, v, q, v, 0.0), not on["effects"], planned[1]
     for k in range(samples):
         noise = position_noise[k] if position_noise.size else 0.0
         seen[past + k] = out[0, k] = measure(q, noise, quantum, p, on)
@@ -172,17 +175,17 @@ def run(
         outside = force_noise[k] if force_noise.size else 0.0
         if rigid:
             tau = gain * sent[k + 1] + outside
-            q, v, a = rigid_step(q, v, tau, dt, ahead_and_back, p, on, user)
+            q, v, a = rigid_step(q, v, tau, pace, p, on, user)
         else:
             slope = (added[k + 1] - added[k]) / dt if ramp and k + 1 < samples else 0.0
             x, force, a = plant_step(
-                x, force, sent[k], sent[k + 1], part, slope, outside, k * dt, dt, n, p, on, user
+                x, force, sent[k], sent[k + 1], slope, outside, k * dt, planned, p, on, user
             )
             q, v = x[0], x[1]
         out[2, k] = a
 
 
 @_cached()
-def axis_step(x, force, old, new, part, slope, disturbance, t, dt, n, p, on, user):
+def axis_step(x, force, old, new, t, dt, n, p, on, user):
     """Do as `plant_step`, called from Python: compiled when first used, then cached too."""
-    return plant_step(x, force, old, new, part, slope, disturbance, t, dt, n, p, on, user)
+    return plant_step(x, force, old, new, 0.0, 0.0, t, plan(dt, n, p, on), p, on, user)

@@ -10,23 +10,26 @@ laws go through one slot.
 from __future__ import annotations
 
 import numpy as np
-from numba import cfunc, float64, njit, types
+from numba import cfunc, float64, types
 
 from ..physics import TERMS
-from ..physics.friction import bristle_rate
-from ..physics.transmission import coupling
+from ..physics.transmission import contact, push
+from .compiled import compiled, inlined
 
 # Parameters and flags travel as records: fields have names, and a record is a bare pointer, where
 # an array would be reference-counted at every call.
-_SWITCHES = ("own", "effects", "held", "structure", "sign")
+_SWITCHES = ("own", "effects", "beyond", "two", "sign")
 OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user's own laws
-PARAMETERS = np.dtype(
-    [(n, float) for n in (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN)]
-)
+# what follows from the parameters: two inertias, the share of the friction that sits on the load,
+# stiffness, damping and gap between the masses, and the stiffness of a bristle
+_DERIVED = ("motor", "load", "share", "k", "c", "gap", "bristle")
+_NAMES = (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN, *_DERIVED)
+# integration steps per sample, and terms of the series of a vibration
+PARAMETERS = np.dtype([(n, float) for n in _NAMES] + [("steps", np.int64), ("terms", np.int64)])
 FLAGS = np.dtype([("laws", np.int64), *((name, bool) for name in (*TERMS, *_SWITCHES))])
 
 _ALWAYS = ("viscous", "coulomb", "asymmetric-friction", "offset")
-STRUCTURAL = ("presliding", "flexibility", "backlash")  # more than one rigid mass
+TWO_MASSES = ("flexibility", "backlash")
 PLAIN = (*_ALWAYS, "inertia")  # terms that need no flag
 
 _OWN = types.UniTuple(float64, len(OWN))
@@ -42,17 +45,17 @@ def _fields(names):
         lambda p: (p[a], p[b], p[c]),
         lambda p: (p[a], p[b], p[c], p[d]),
     )
-    return njit(readers[len(names) - 1])
+    return inlined(readers[len(names) - 1])
 
 
 def _sum(names):
     """Compose the force laws of these terms into one compiled sum."""
     if not names:
-        return njit(lambda q, v, s, tau, t, p: 0.0)
+        return inlined(lambda q, v, s, tau, t, p: 0.0)
     before, term = _sum(names[:-1]), TERMS[names[-1]]
-    law, fields = njit(error_model="numpy")(term.law), _fields(term.names)
+    law, fields = inlined(term.law), _fields(term.names)
 
-    @njit(error_model="numpy", forceinline=True)
+    @inlined
     def total(q, v, s, tau, t, p):
         return before(q, v, s, tau, t, p) + law(q, v, 0.0, s, tau, t, *fields(p))
 
@@ -62,11 +65,11 @@ def _sum(names):
 def _one_of(names):
     """Compile the choice of one of these terms' laws by its bit; LLVM makes a jump table of it."""
     if not names:
-        return njit(lambda bit, q, v, s, tau, t, p: 0.0)
+        return inlined(lambda bit, q, v, s, tau, t, p: 0.0)
     before, term, own_bit = _one_of(names[:-1]), TERMS[names[-1]], BITS[names[-1]]
-    law, fields = njit(error_model="numpy")(term.law), _fields(term.names)
+    law, fields = inlined(term.law), _fields(term.names)
 
-    @njit(error_model="numpy", forceinline=True)
+    @inlined
     def chosen(bit, q, v, s, tau, t, p):
         if bit == own_bit:
             return law(q, v, 0.0, s, tau, t, *fields(p))
@@ -81,11 +84,6 @@ plain_resistance = _sum(_ALWAYS)
 _law = _one_of(tuple(BITS))
 
 
-@njit(error_model="numpy")
-def _law_of(bit, q, v, s, tau, t, p):
-    return _law(bit, q, v, s, tau, t, p)
-
-
 @cfunc(SCALAR_LAW)
 def no_law(q, v, s, tau, t, own):
     """Stand in the slot of a user's own law."""
@@ -97,12 +95,12 @@ def user_law(terms):
 
     def chain(terms):
         if not terms:
-            return njit(lambda q, v, s, tau, t, own: 0.0)
-        before, law = chain(terms[:-1]), njit(error_model="numpy")(terms[-1].law)
+            return inlined(lambda q, v, s, tau, t, own: 0.0)
+        before, law = chain(terms[:-1]), inlined(terms[-1].law)
         first = sum(len(t.names) for t in terms[:-1])
         last = first + len(terms[-1].names)
 
-        @njit(error_model="numpy")
+        @compiled
         def total(q, v, s, tau, t, own):
             values = own[first:last]
             return before(q, v, s, tau, t, own) + law(q, v, 0.0, s, tau, t, *values)
@@ -113,33 +111,52 @@ def user_law(terms):
     return cfunc(SCALAR_LAW)(lambda q, v, s, tau, t, own: total(q, v, s, tau, t, own))
 
 
-@njit(error_model="numpy", forceinline=True)
+@compiled
 def extra_resistance(q, v, s, tau, t, p, on, user):
     """Return the force of the effects that oppose a motion in direction s, N."""
     f, laws = 0.0, on["laws"]
     while laws:
         bit = laws & -laws
-        f += _law_of(bit, q, v, s, tau, t, p)
+        f += _law(bit, q, v, s, tau, t, p)
         laws ^= bit
     if on["own"]:
         f += _own_law(q, v, s, tau, t, p, user)
     return f
 
 
-@njit(error_model="numpy")
+@compiled
 def _own_law(q, v, s, tau, t, p, user):
     return user(q, v, s, tau, t, (*_first(p), *_second(p), *_third(p)))
 
 
-@njit(error_model="numpy")
+@compiled
 def resistance(q, v, s, tau, t, p, on, user):
     """Return the force opposing a motion in direction s, N."""
     return plain_resistance(q, v, s, tau, t, p) + extra_resistance(q, v, s, tau, t, p, on, user)
 
 
-@njit(error_model="numpy")
-def masses_of(p, on):
-    """Return (m1, m2, friction share of the load, k, c, gap) of the one or two masses."""
+_MAX_STEPS = 64
+_REACH = 2.0  # a series converges well over an angle of two radians
+_BRISTLE_REACH = 0.4  # angle of the bristle's vibration in a step
+
+
+@compiled
+def _terms(angle):
+    """Return how many terms of its series a vibration through this angle needs."""
+    n, term = 1, angle
+    while term > 1e-9:
+        n += 1
+        term *= angle / n
+    return max(n, 4)
+
+
+@compiled
+def derive(dt, n, p, on):
+    """Derive the masses and how finely their motion is resolved: by at least n steps per sample.
+
+    A stiffness beyond what the greatest number of steps resolves is as good as rigid, and is
+    lowered to that one.
+    """
     m = p["inertia"]
     if on["backlash"]:
         r, share, hz, zeta, gap = (
@@ -158,39 +175,62 @@ def masses_of(p, on):
             0.0,
         )
     else:
-        return m, m, 0.0, 0.0, 0.0, 0.0
-    reduced = m * r * (1.0 - r)
-    w = 2.0 * np.pi * hz
-    return m * (1.0 - r), m * r, share, reduced * w * w, 2.0 * zeta * reduced * w, gap
-
-
-@njit(error_model="numpy", forceinline=True)
-def nets(x, s1, s2, tau, t, p, on, user, masses):
-    """Return the net forces on motor and load, N, and the bristle's rate, m/s."""
-    q1, v1, q2, v2, z = x
-    share = masses[2]
-    rate = 0.0
-    motor = (1.0 - share) * resistance(q1, v1, s1, tau, t, p, on, user)
+        r, share, hz, zeta, gap = 0.0, 0.0, 0.0, 0.0, 0.0
+    p["motor"], p["load"], p["share"], p["gap"] = m * (1.0 - r), m * r, share, gap
+    damped, reduced = max(1.0, 2.0 * zeta), m * r * (1.0 - r)
+    w = min(2.0 * np.pi * hz, _MAX_STEPS * _REACH / (damped * dt))
+    p["k"], p["c"] = reduced * w * w, 2.0 * zeta * reduced * w
+    steps = max(n, int(np.ceil(w * damped * dt / _REACH)))
     if on["presliding"]:
-        up = resistance(q1, 0.0, 1.0, tau, t, p, on, user)
-        level = 0.5 * (1.0 - share) * (up - resistance(q1, 0.0, -1.0, tau, t, p, on, user))
-        rate = bristle_rate(z, v1, level, p["presliding.stiffness"])
-        motor += p["presliding.stiffness"] * z + p["presliding.damping"] * rate - s1 * level
-    if not (on["flexibility"] or on["backlash"]):
-        return tau - motor, 0.0, rate
-    link = coupling(q1 - q2, v1 - v2, masses[3], masses[4], masses[5])
-    load = 0.0
-    if share > 0.0:
-        load = share * resistance(q2, v2, s2, tau, t, p, on, user)
-    return tau - motor - link, link - load, rate
+        fastest = _MAX_STEPS * _BRISTLE_REACH / dt
+        p["bristle"] = min(p["presliding.stiffness"], p["motor"] * fastest * fastest)
+        angle = np.sqrt(p["bristle"] / p["motor"]) * dt
+        steps = max(steps, int(np.ceil(angle / _BRISTLE_REACH)))
+    p["steps"], p["terms"] = steps, _terms(w * damped * dt / steps)
 
 
-@njit(error_model="numpy", forceinline=True)
-def rates(x, s1, s2, tau, t, p, on, user, masses):
-    """Return dx/dt of the state x = (q1, v1, q2, v2, z); a mass with direction 0 stands still."""
-    if on["presliding"] or on["sign"]:
-        s1 = np.sign(x[1])
-    net1, net2, rate = nets(x, s1, s2, tau, t, p, on, user, masses)
-    a1 = net1 / masses[0] if s1 != 0.0 or on["presliding"] or on["sign"] else 0.0
-    a2 = net2 / masses[1] if s2 != 0.0 else 0.0
-    return x[1], a1, x[3], a2, rate
+@compiled
+def link_force(x, side, p):
+    """Return the force between the two masses, N, that touch on this side."""
+    return push(x[0] - x[2], x[1] - x[3], side, p["k"], p["c"], p["gap"])
+
+
+@compiled
+def friction_level(q, tau, t, p, on, user):
+    """Return the dry friction of the motor between its two directions, N."""
+    up = resistance(q, 0.0, 1.0, tau, t, p, on, user)
+    return 0.5 * (1.0 - p["share"]) * (up - resistance(q, 0.0, -1.0, tau, t, p, on, user))
+
+
+@compiled
+def motor_net(x, s, link, tau, t, p, on, user):
+    """Return the net force on the motor, or the only mass, that moves in direction s, N.
+
+    A bristle takes the place of the dry friction; its damping is nothing at standstill, which is
+    where this is asked with one.
+    """
+    against = (1.0 - p["share"]) * resistance(x[0], x[1], s, tau, t, p, on, user)
+    if on["presliding"]:
+        against += p["bristle"] * x[4] - s * friction_level(x[0], tau, t, p, on, user)
+    return tau - against - link
+
+
+@compiled
+def load_net(x, s, link, tau, t, p, on, user):
+    """Return the net force on the load that moves in direction s, N."""
+    if p["share"] > 0.0:
+        return link - p["share"] * resistance(x[2], x[3], s, tau, t, p, on, user)
+    return link
+
+
+@inlined
+def rates(x, tau, t, p, on, user):
+    """Return dx/dt of the state x = (q1, v1, q2, v2, z), friction by the sign of the velocity."""
+    if not on["two"]:
+        a1 = motor_net(x, np.sign(x[1]), 0.0, tau, t, p, on, user) / p["motor"]
+        return x[1], a1, x[3], 0.0, 0.0
+    side = contact(x[0] - x[2], x[1] - x[3], p["k"], p["c"], p["gap"])
+    link = link_force(x, side, p)
+    a1 = motor_net(x, np.sign(x[1]), link, tau, t, p, on, user) / p["motor"]
+    a2 = load_net(x, np.sign(x[3]), link, tau, t, p, on, user) / p["load"]
+    return x[1], a1, x[3], a2, 0.0

@@ -1,8 +1,14 @@
-"""Steps: how one or two masses move over a span in which their directions of motion stay.
+"""Steps: how one or two masses move while their directions of motion and their contact stay.
 
-In closed form where it is one rigid mass with friction linear in the velocity, else by the
-classical Runge-Kutta method. Every step has the same arguments, so that `integrator` can locate
-reversals around any of them.
+What is linear is solved exactly: one mass against viscous friction in closed form, two masses on a
+spring by the series of their vibration. What is not, the laws of the effects and a bristle, enters
+at two points of the step, its start and two thirds of it, from where a straight line through both
+has the right impulse to third order (Radau's rule). Within a step the drive force is a straight
+line, too.
+
+Every step has the same arguments, so that `integrator` can locate events around any of them: the
+state x = (q1, v1, q2, v2, z), the mode (s1, s2, side) of directions and contact, the length h, the
+drive force at the start and its rate.
 """
 
 # Compiled functions carry no annotations: Numba infers them, and mypy cannot see through it.
@@ -11,12 +17,15 @@ reversals around any of them.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from .mechanics import extra_resistance, plain_resistance, rates
+from ..physics.friction import bristle_deflection, bristle_rate
+from .compiled import compiled, inlined
+from .mechanics import extra_resistance, friction_level, link_force, plain_resistance, rates
+
+_LATE = 2.0 / 3.0
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _shift(x, h, k):
     return (
         x[0] + h * k[0],
@@ -27,16 +36,26 @@ def _shift(x, h, k):
     )
 
 
-@njit(error_model="numpy", forceinline=True)
-def force_at(drive, t):
-    """Return the drive force at time t of the segment: held, ramped, or lagging."""
-    target, jump, lag, slope = drive
-    if lag > 0.0:
-        return target + jump * np.exp(-t / lag)
-    return target + slope * t
+@compiled
+def runge_kutta(x, h, tau, rise, t, p, on, user):
+    """Move under friction that takes the sign of the velocity as it comes, by the classical rule.
+
+    Also return the motor's acceleration at the start.
+    """
+    end = tau + rise * h
+    middle = 0.5 * (tau + end)
+    k1 = rates(x, tau, t, p, on, user)
+    k2 = rates(_shift(x, 0.5 * h, k1), middle, t + 0.5 * h, p, on, user)
+    k3 = rates(_shift(x, 0.5 * h, k2), middle, t + 0.5 * h, p, on, user)
+    k4 = rates(_shift(x, h, k3), end, t + h, p, on, user)
+    x = _shift(_shift(x, h / 6.0, k1), h / 3.0, k2)
+    return _shift(_shift(x, h / 3.0, k3), h / 6.0, k4), k1[1]
 
 
-@njit(error_model="numpy", forceinline=True)
+# --- what is linear: one mass ------------------------------------------------------------------
+
+
+@inlined
 def phi(z):
     """Return phi1(z) = (1 - exp(-z))/z and phi2(z) = (1 - phi1(z))/z."""
     if abs(z) < 0.02:  # six terms of the series are exact to rounding
@@ -46,88 +65,167 @@ def phi(z):
     return 1.0 - z * phi2, phi2
 
 
-@njit(error_model="numpy", forceinline=True)
-def forces(drive, at, h):
-    """Return the drive force at the start, the middle and the end of a step.
-
-    A lagging force may decay within a fraction of the step. It enters as the straight line with
-    the same impulse and the same first moment, which is smooth in the lag down to none.
-    """
-    target, jump, lag, slope = drive
-    start, end = target + slope * at, target + slope * (at + h)
-    if lag > 0.0:
-        mean, moment = phi(h / lag)
-        jump *= np.exp(-at / lag)
-        first = 6.0 * moment - 2.0 * mean
-        start, end = start + jump * first, end + jump * (2.0 * mean - first)
-    return start, 0.5 * (start + end), end
+@inlined
+def _phi3(z):
+    """Return phi3(z) = (1/2 - phi2(z))/z, by its series where z is small."""
+    if abs(z) < 0.02:
+        return (1.0 - z / 4 * (1.0 - z / 5 * (1.0 - z / 6 * (1.0 - z / 7)))) / 6
+    return (0.5 - phi(z)[1]) / z
 
 
-@njit(error_model="numpy")
-def runge_kutta(x, s1, s2, h, drive, at, t, p, on, user, masses):
-    """Move one or two masses, and a bristle; also return the motor's acceleration at the start."""
-    start, middle, end = forces(drive, at, h)
-    k1 = rates(x, s1, s2, start, t, p, on, user, masses)
-    k2 = rates(_shift(x, 0.5 * h, k1), s1, s2, middle, t + 0.5 * h, p, on, user, masses)
-    k3 = rates(_shift(x, 0.5 * h, k2), s1, s2, middle, t + 0.5 * h, p, on, user, masses)
-    k4 = rates(_shift(x, h, k3), s1, s2, end, t + h, p, on, user, masses)
-    x = _shift(_shift(x, h / 6.0, k1), h / 3.0, k2)
-    return _shift(_shift(x, h / 3.0, k3), h / 6.0, k4), k1[1]
-
-
-@njit(error_model="numpy")
-def one_mass_step(q, v, s, h, start, middle, end, t, p, on, user):
-    """Move one mass in direction s; return position, velocity and the first acceleration."""
-    half, w = 0.5 * h, 1.0 / p["inertia"] if s != 0.0 else 0.0
+@inlined
+def plain_line(s, p):
+    """Return plain friction in direction s as a straight line over velocity: level and slope."""
     level = plain_resistance(0.0, 0.0, s, 0.0, 0.0, p)
-    rate = w * (plain_resistance(0.0, 1.0, s, 0.0, 0.0, p) - level)
-    a1 = w * (start - level - extra_resistance(q, v, s, start, t, p, on, user)) - rate * v
-    v2, q2 = v + half * a1, q + half * v
-    f2 = extra_resistance(q2, v2, s, middle, t + half, p, on, user)
-    a2 = w * (middle - level - f2) - rate * v2
-    v3, q3 = v + half * a2, q + half * v2
-    f3 = extra_resistance(q3, v3, s, middle, t + half, p, on, user)
-    a3 = w * (middle - level - f3) - rate * v3
-    v4, q4 = v + h * a3, q + h * v3
-    f4 = extra_resistance(q4, v4, s, end, t + h, p, on, user)
-    a4 = w * (end - level - f4) - rate * v4
-    return q + h / 6.0 * (v + 2.0 * (v2 + v3) + v4), v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4), a1
+    return level, plain_resistance(0.0, 1.0, s, 0.0, 0.0, p) - level
 
 
-@njit(error_model="numpy", forceinline=True)
-def one_mass(x, s1, s2, h, drive, at, t, p, on, user, masses):
-    """Move one mass under any force, by Runge-Kutta."""
-    start, middle, end = forces(drive, at, h)
-    q, v, a = one_mass_step(x[0], x[1], s1, h, start, middle, end, t, p, on, user)
-    return (q, v, 0.0, 0.0, 0.0), a
-
-
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def glide(s, h, p):
     """Return how one rigid mass moves in direction s over h, friction linear in the velocity.
 
-    The acceleration at the start is a = (tau - level) / M - rate v; with z = h rate the velocity
-    gains a h phi1(z), the position h v + a h^2 phi2(z); exact under a held force. Returned are
-    level, rate and both factors of a.
+    The acceleration at the start is a = (tau - level) / M - rate v, and the force on its way adds
+    the jerk j; with z = h rate the velocity gains a h phi1(z) + j h^2 phi2(z), the position
+    h v + a h^2 phi2(z) + j h^3 phi3(z). Returned are level, rate and the factors of a and j.
     """
-    level = plain_resistance(0.0, 0.0, s, 0.0, 0.0, p)
-    rate = (plain_resistance(0.0, 1.0, s, 0.0, 0.0, p) - level) / p["inertia"]
+    level, slope = plain_line(s, p)
+    rate = slope / p["inertia"]
     phi1, phi2 = phi(h * rate)
-    return level, rate, h * phi1, h * h * phi2
+    return level, rate, h * phi1, h * h * phi2, h * h * h * _phi3(h * rate)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def glided(q, v, h, tau, inertia, glide):
-    """Return position, velocity and first acceleration of a motion that `glide` describes."""
-    level, rate, to_speed, to_place = glide
+    """Return position, velocity and first acceleration of a motion under a held force."""
+    level, rate, to_speed, to_place, _ = glide
     a = (tau - level) / inertia - rate * v
     return q + (h * v + to_place * a), v + to_speed * a, a
 
 
-@njit(error_model="numpy")
-def closed_form(x, s1, s2, h, drive, at, t, p, on, user, masses):
-    """Move one rigid mass under a held force."""
-    if s1 == 0.0:
+@inlined
+def one_mass_step(q, v, z, s, h, tau, rise, t, glide, p, on, user):
+    """Move one mass in direction s, given its `glide`; return q, v, z and the acceleration."""
+    if not on["beyond"]:
+        q, v, a = glided(q, v, h, tau, p["inertia"], glide)
+        jerk = rise / p["inertia"]
+        return q + jerk * glide[4], v + jerk * glide[3], z, a
+    bristle = _bristle(q, v, z, h, tau, t, p, on, user)
+    force = _beyond(q, v, s, tau, t, bristle, p, on, user)
+    at, later = glided(q, v, h, tau - force, p["inertia"], glide), _LATE * h
+    place, speed = q + later * (v + 0.5 * later * at[2]), v + later * at[2]
+    late = _beyond(place, speed, s, tau + rise * later, t + later, bristle, p, on, user)
+    jerk = (rise - (late - force) / later) / p["inertia"]
+    place, speed = at[0] + jerk * glide[4], at[1] + jerk * glide[3]
+    return place, speed, _deflection(place, bristle, p), at[2]
+
+
+@inlined
+def one_mass(x, mode, h, tau, rise, t, p, on, user):
+    """Move one mass; also return its acceleration at the start."""
+    if mode[0] == 0.0:
         return x, 0.0
-    q, v, a = glided(x[0], x[1], h, drive[0], p["inertia"], glide(s1, h, p))
-    return (q, v, 0.0, 0.0, 0.0), a
+    q, v, z, a = one_mass_step(
+        x[0], x[1], x[4], mode[0], h, tau, rise, t, glide(mode[0], h, p), p, on, user
+    )
+    return (q, v, 0.0, 0.0, z), a
+
+
+# --- what is linear: two masses ----------------------------------------------------------------
+
+
+@compiled
+def _swing(x, h, a1, a2, jerk, drag1, drag2, pull1, pull2, damp1, damp2, terms):
+    """Sum the series of two masses on a spring; return the states at the end and late.
+
+    The n-th terms r of the positions and u of the velocities follow from those before: r from u by
+    integration, u by the law of motion.
+    """
+    q1, v1, q2, v2 = x[0], x[1], x[2], x[3]
+    late_q1, late_v1, late_q2, late_v2 = q1, v1, q2, v2
+    r1, r2, u1, u2, part = h * v1, h * v2, h * a1, h * a2, _LATE
+    for n in range(2, terms + 2):
+        q1, q2, v1, v2 = q1 + r1, q2 + r2, v1 + u1, v2 + u2
+        late_q1, late_q2 = late_q1 + part * r1, late_q2 + part * r2
+        late_v1, late_v2 = late_v1 + part * u1, late_v2 + part * u2
+        stretch, rate, g = r1 - r2, u1 - u2, h / n
+        r1, r2 = g * u1, g * u2
+        u1 = g * (jerk - pull1 * stretch - damp1 * rate - drag1 * u1)
+        u2 = g * (pull2 * stretch + damp2 * rate - drag2 * u2)
+        part, jerk = part * _LATE, 0.0
+    return (q1, v1, q2, v2, x[4]), (late_q1, late_v1, late_q2, late_v2)
+
+
+@compiled
+def two_masses(x, mode, h, tau, rise, t, p, on, user):
+    """Move two masses; also return the motor's acceleration at the start."""
+    s1, s2, side = mode
+    w1, w2 = 1.0 / p["motor"] if s1 != 0.0 else 0.0, 1.0 / p["load"] if s2 != 0.0 else 0.0
+    (level1, slope1), (level2, slope2) = plain_line(s1, p), plain_line(s2, p)
+    own = 1.0 - p["share"]
+    bristle = _bristle(x[0], x[1], x[4], h, tau, t, p, on, user)
+    f1, f2 = _beyond_both(x, mode, tau, t, bristle, p, on, user)
+    link = link_force(x, side, p)
+    a1 = w1 * (tau - link - own * (level1 + slope1 * x[1]) - f1)
+    a2 = w2 * (link - p["share"] * (level2 + slope2 * x[3]) - f2)
+    k, c = (p["k"], p["c"]) if side != 0.0 else (0.0, 0.0)
+    y, middle = _swing(
+        x,
+        h,
+        a1,
+        a2,
+        w1 * rise * h,
+        w1 * own * slope1,
+        w2 * p["share"] * slope2,
+        w1 * k,
+        w2 * k,
+        w1 * c,
+        w2 * c,
+        p["terms"] if side != 0.0 else 4,
+    )
+    if not on["beyond"]:
+        return y, a1
+    later = _LATE * h
+    g1, g2 = _beyond_both(middle, mode, tau + rise * later, t + later, bristle, p, on, user)
+    jerk1, jerk2, half, third = w1 * (f1 - g1) / later, w2 * (f2 - g2) / later, h * h / 2, h**3 / 6
+    q1 = y[0] + jerk1 * third
+    z = _deflection(q1, bristle, p)
+    return (q1, y[1] + jerk1 * half, y[2] + jerk2 * third, y[3] + jerk2 * half, z), a1
+
+
+# --- what is not linear ------------------------------------------------------------------------
+
+
+@inlined
+def _bristle(q, v, z, h, tau, t, p, on, user):
+    """Return where the bristle starts, its deflection, and the friction it slides at, N."""
+    if not on["presliding"]:
+        return q, z, 0.0
+    return q, z, friction_level(q + 0.5 * h * v, tau, t + 0.5 * h, p, on, user)
+
+
+@inlined
+def _deflection(q, bristle, p):
+    start, z, level = bristle
+    return bristle_deflection(z, q - start, level, p["bristle"]) if level > 0.0 else z
+
+
+@inlined
+def _beyond(q, v, s, tau, t, bristle, p, on, user):
+    """Return the force that opposes the motor beyond plain friction, N."""
+    force = (1.0 - p["share"]) * extra_resistance(q, v, s, tau, t, p, on, user)
+    if on["presliding"]:
+        z, level = _deflection(q, bristle, p), bristle[2]
+        rate = bristle_rate(z, v, level, p["bristle"])
+        force += p["bristle"] * z + p["presliding.damping"] * rate - s * level
+    return force
+
+
+@compiled
+def _beyond_both(x, mode, tau, t, bristle, p, on, user):
+    """Return the forces that oppose motor and load beyond plain friction, N."""
+    if not on["beyond"]:
+        return 0.0, 0.0
+    load = 0.0
+    if p["share"] > 0.0:
+        load = p["share"] * extra_resistance(x[2], x[3], mode[1], tau, t, p, on, user)
+    return _beyond(x[0], x[1], mode[0], tau, t, bristle, p, on, user), load

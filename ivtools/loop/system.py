@@ -88,7 +88,7 @@ def _axis_block(
     loop: ClosedLoop, values: Mapping[str, float], dt: float, substeps: int
 ) -> control.NonlinearIOSystem:
     p, on, user = plant(loop, values)
-    whole, part = drive_delay(dt, p, on)
+    whole, _ = drive_delay(dt, p, on)
     limit = min(loop.controller.limit, values.get("saturation.limit", np.inf))
     added_gain = 1.0 + values.get("controller-mismatch.added", 0.0)
 
@@ -105,9 +105,6 @@ def _axis_block(
             x[5],
             line[-1],
             line[whole],
-            part,
-            0.0,
-            0.0,
             x[6],
             dt,
             substeps,

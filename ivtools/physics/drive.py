@@ -58,7 +58,6 @@ DRIVE_TIMING = Term(
     ),
     "tau(t - delay), then lag dtau/dt + tau = command",
     "current loop and bus: Leonhard, Control of Electrical Drives, 2001",
-    substeps=2,
 )
 
 SATURATION = Term(

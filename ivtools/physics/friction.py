@@ -140,7 +140,6 @@ PRESLIDING = Term(
     ),
     "dz = dq - s0 |dq| z / Fc, f = s0 z + s1 dz in place of Fc sign(dq)",
     "Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40(3), 1995",
-    substeps=4,
 )
 
 
@@ -148,6 +147,19 @@ PRESLIDING = Term(
 def bristle_rate(z: float, v: float, level: float, s0: float) -> float:
     """Return the rate of the mean bristle deflection, m/s; `level` is the Coulomb force, N."""
     return v - s0 * abs(v) * z / level if level > 0.0 else 0.0
+
+
+@njit(error_model="numpy")
+def bristle_deflection(z: float, path: float, level: float, s0: float) -> float:
+    """Return the deflection after a path (m, signed) without reversal, m.
+
+    The exact solution of `bristle_rate`, which knows no time: the deflection decays over the
+    distance level/s0 to its final value, whatever the speed.
+    """
+    if not level > 0.0:
+        return z
+    final = np.sign(path) * level / s0
+    return final + (z - final) * np.exp(-s0 * abs(path) / level)
 
 
 TERMS = (

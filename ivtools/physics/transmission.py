@@ -120,7 +120,6 @@ FLEXIBILITY = Term(
     ),
     "two masses M (1 - r), M r joined by k, c: k = (2 pi f)^2 M r (1 - r)",
     "Spong, ASME J. Dynamic Systems, Measurement and Control 109(4), 1987",
-    substeps=4,
 )
 
 BACKLASH = Term(
@@ -158,22 +157,41 @@ BACKLASH = Term(
     ),
     "two masses M (1 - r), M r that touch when |q1 - q2| > gap/2",
     "Nordin, Gutman, Automatica 38(10), 2002",
-    substeps=8,
 )
 
 
 @njit(error_model="numpy")
-def coupling(stretch: float, rate: float, k: float, c: float, gap: float) -> float:
-    """Return the force between two masses, N: a spring and damper behind a gap.
+def push(stretch: float, rate: float, side: float, k: float, c: float, gap: float) -> float:
+    """Return the force of a spring and damper between two masses that touch on one side, N.
 
-    Contacts push and never pull: the damper cannot hold masses together that part.
+    `side` is 1 or -1, and 0 if the masses are apart.
+    """
+    return k * (stretch - 0.5 * side * gap) + c * rate if side != 0.0 else 0.0
+
+
+@njit(error_model="numpy")
+def contact_margin(
+    stretch: float, rate: float, side: float, k: float, c: float, gap: float
+) -> float:
+    """Return how far a state of contact is from its end, N: negative once it has ended.
+
+    Contacts push and never pull: the damper cannot hold masses together that part. Masses touch
+    once they are beyond the gap and the contact would push.
     """
     if gap <= 0.0:
-        return k * stretch + c * rate
-    if stretch > 0.5 * gap:
-        return max(k * (stretch - 0.5 * gap) + c * rate, 0.0)
-    if stretch < -0.5 * gap:
-        return min(k * (stretch + 0.5 * gap) + c * rate, 0.0)
+        return np.inf  # joined for good
+    if side != 0.0:
+        return side * push(stretch, rate, side, k, c, gap)
+    side = 1.0 if stretch > 0.0 else -1.0
+    beyond = k * (side * stretch - 0.5 * gap)
+    return -min(beyond, side * push(stretch, rate, side, k, c, gap))
+
+
+@njit(error_model="numpy")
+def contact(stretch: float, rate: float, k: float, c: float, gap: float) -> float:
+    """Return the side on which two masses touch, 1 or -1; 0 if they are apart."""
+    if gap <= 0.0 or contact_margin(stretch, rate, 0.0, k, c, gap) < 0.0:
+        return 1.0 if gap <= 0.0 or stretch > 0.0 else -1.0
     return 0.0
 
 
