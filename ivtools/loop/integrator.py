@@ -69,7 +69,7 @@ def drive_delay(dt, p, on):
 @compiled
 def plan(dt, n, p, on):
     """Derive what the integrator needs; return the pace before and after the drive's delay."""
-    derive(dt, n, p, on)
+    derive(dt, n if on["effects"] else 1, p, on)  # a rigid axis is exact in one step
     first = drive_delay(dt, p, on)[1] * dt
     return _pace(first, dt, p, on), _pace(dt - first, dt, p, on)
 
@@ -91,14 +91,14 @@ def _load_leaving(x, link, tau, t, p, on, user):
     return up, load_net(x, -1.0, link, tau, t, p, on, user)
 
 
-@compiled
+@inlined
 def _direction(leaving):
     """Return the direction in which a mass at rest leaves; 0 if it stays."""
     up, down = leaving
     return 1.0 if up > 0.0 else (-1.0 if down < 0.0 else 0.0)
 
 
-@compiled
+@inlined
 def _held(leaving):
     """Return how much more force holds a mass at rest, N."""
     up, down = leaving
@@ -140,7 +140,7 @@ def _margins(x, mode, tau, t, p, on, user):
 # --- events ------------------------------------------------------------------------------------
 
 
-@compiled
+@inlined
 def _step(x, mode, h, tau, rise, t, p, on, user):
     """Move over h in one mode; also return the motor's acceleration at the start."""
     if h <= 0.0:
@@ -150,7 +150,7 @@ def _step(x, mode, h, tau, rise, t, p, on, user):
     return one_mass(x, mode, h, tau, rise, t, p, on, user)
 
 
-@compiled
+@inlined
 def _first(before, after):
     """Return which margin is the first to be used up, on straight lines."""
     which, earliest = 0, 2.0
@@ -182,29 +182,40 @@ def _event(x, mode, after, h, tau, rise, t, p, on, user):
 
 
 @compiled
-def _after(x, which, mode, tau, t, p, on, user):
+def _breaking_away(i, x, side, tau, t, p, on, user):
+    """Return the direction in which the motor (0) or the load (1) is pulled."""
+    link = link_force(x, side, p)
+    if i == 0:
+        up, down = _motor_leaving(x, link, tau, t, p, on, user)
+    else:
+        up, down = _load_leaving(x, link, tau, t, p, on, user)
+    return np.sign(up + down)
+
+
+@compiled
+def _after(x, which, pulled, side, tau, t, p, on, user):
     """Return state and mode after a reversal, a break-away or a change of contact."""
-    (q1, v1, q2, v2, z), (s1, s2, side) = x, mode
+    q1, v1, q2, v2, z = x
     if which == 2:
         side = 0.0 if side != 0.0 else np.sign(q1 - q2)
         return x, _mode(x, side, tau, t, p, on, user)
     x = (q1, v1 if which else 0.0, q2, v2 if which == 0 else 0.0, z)
-    n1, n2, _ = _mode(x, side, tau, t, p, on, user)
-    link = link_force(x, side, p)
-    if which == 0 and s1 == 0.0:
-        n1 = np.sign(sum(_motor_leaving(x, link, tau, t, p, on, user)))
-    if which == 1 and s2 == 0.0:
-        n2 = np.sign(sum(_load_leaving(x, link, tau, t, p, on, user)))
-    return x, (n1, n2, side)
+    s1, s2, _ = _mode(x, side, tau, t, p, on, user)
+    if pulled != 0.0:
+        return x, (s1 if which else pulled, s2 if which == 0 else pulled, side)
+    return x, (s1, s2, side)
 
 
 @compiled
-def _past_events(x, mode, margins, h, tau, rise, t, p, on, user):
-    """Move over h, stopping at every event on the way; `margins` are those at the end."""
+def _past_events(x, y, mode, margins, h, tau, rise, t, p, on, user):
+    """Move over h, stopping at every event on the way; y is where a step in one mode has led."""
     for _ in range(_MAX_EVENTS):
-        x, used, which = _event(x, mode, margins, h, tau, rise, t, p, on, user)
+        here, used, which = _event(x, mode, margins, h, tau, rise, t, p, on, user)
+        pulled = 0.0
+        if which < 2 and mode[which] == 0.0:  # it breaks away, as the force behind the event wants
+            pulled = _breaking_away(which, y, mode[2], tau + rise * h, t + h, p, on, user)
         h, t, tau = h - used, t + used, tau + rise * used
-        x, mode = _after(x, which, mode, tau, t, p, on, user)
+        x, mode = _after(here, which, pulled, mode[2], tau, t, p, on, user)
         y, _ = _step(x, mode, h, tau, rise, t, p, on, user)
         margins = _margins(y, mode, tau + rise * h, t + h, p, on, user)
         if min(margins) >= 0.0:
@@ -225,7 +236,7 @@ def _through(x, h, tau, rise, t, p, on, user):
     margins = _margins(y, mode, tau + rise * h, t + h, p, on, user)
     if min(margins) >= 0.0:
         return y, a
-    return _past_events(x, mode, margins, h, tau, rise, t, p, on, user), a
+    return _past_events(x, y, mode, margins, h, tau, rise, t, p, on, user), a
 
 
 # --- from one sample to the next ---------------------------------------------------------------
@@ -242,7 +253,7 @@ def rigid_step(q, v, tau, pace, p, on, user):
     return x[0], x[1], a
 
 
-@compiled
+@inlined
 def _advance(x, tau, rise, t, pace, p, on, user):
     """Move over one step; also return the motor's acceleration at the start."""
     h = pace.h
@@ -256,7 +267,7 @@ def _advance(x, tau, rise, t, pace, p, on, user):
     return _through(x, h, tau, rise, t, p, on, user)
 
 
-@compiled
+@inlined
 def _segment(x, force, command, slope, disturbance, t, pace, p, on, user):
     """Advance over a span in which the command is held, or ramps."""
     target, rise, h = p["gain"] * command, p["gain"] * slope, pace.h
@@ -269,7 +280,7 @@ def _segment(x, force, command, slope, disturbance, t, pace, p, on, user):
     return x, target + rise * (pace.steps * h) + lagging, acceleration
 
 
-@compiled
+@inlined
 def plant_step(x, force, old, new, slope, disturbance, t, plan, p, on, user):
     """Advance drive and mechanics over one sample.
 

@@ -189,7 +189,7 @@ def derive(dt, n, p, on):
     p["steps"], p["terms"] = steps, _terms(w * damped * dt / steps)
 
 
-@compiled
+@inlined
 def link_force(x, side, p):
     """Return the force between the two masses, N, that touch on this side."""
     return push(x[0] - x[2], x[1] - x[3], side, p["k"], p["c"], p["gap"])

@@ -133,7 +133,7 @@ def one_mass(x, mode, h, tau, rise, t, p, on, user):
 # --- what is linear: two masses ----------------------------------------------------------------
 
 
-@compiled
+@inlined
 def _swing(x, h, a1, a2, jerk, drag1, drag2, pull1, pull2, damp1, damp2, terms):
     """Sum the series of two masses on a spring; return the states at the end and late.
 
@@ -220,7 +220,7 @@ def _beyond(q, v, s, tau, t, bristle, p, on, user):
     return force
 
 
-@compiled
+@inlined
 def _beyond_both(x, mode, tau, t, bristle, p, on, user):
     """Return the forces that oppose motor and load beyond plain friction, N."""
     if not on["beyond"]:
