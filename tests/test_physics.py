@@ -6,6 +6,8 @@ import pytest
 from ivtools import axes
 from ivtools.errors import AxisError
 from ivtools.physics import EFFECTS, TERMS, Parameter, Term, find
+from ivtools.physics.friction import bristle_deflection, bristle_rate
+from ivtools.physics.transmission import contact, contact_margin, push
 
 RNG = np.random.default_rng(2)
 N = 400
@@ -86,3 +88,29 @@ def test_what_is_not_a_force_has_no_law():
 def test_a_term_stands_for_itself():
     mine = Term("mine", "mechanics", (Parameter("a", "{F}"),), "a", "here", law=lambda *x: x[-1])
     assert find([mine, "inertia"]) == (mine, TERMS["inertia"])
+
+
+@pytest.mark.parametrize("speed", [0.02, -0.05])
+def test_the_deflection_of_a_bristle_solves_its_equation(speed):
+    level, s0, z, steps = 20.0, 5e5, 1e-5, 20000
+    times = np.linspace(0.0, 5e-3, steps + 1)
+    found = z
+    for h in np.diff(times):
+        half = found + 0.5 * h * bristle_rate(found, speed, level, s0)
+        found += h * bristle_rate(half, speed, level, s0)
+    exact = bristle_deflection(z, speed * times[-1], level, s0)
+    assert found == pytest.approx(exact, rel=1e-6)
+    assert bristle_deflection(z, 1.0, level, s0) == pytest.approx(level / s0)  # it slides
+    assert bristle_deflection(z, 1.0, 0.0, s0) == z  # nothing to slide on
+
+
+def test_contacts_push_and_never_pull():
+    k, c, gap = 1e5, 300.0, 1e-3
+    for stretch, rate in zip(RNG.normal(0.0, 1e-3, 200), RNG.normal(0.0, 0.3, 200), strict=True):
+        side = contact(stretch, rate, k, c, gap)
+        force = push(stretch, rate, side, k, c, gap)
+        assert force * side >= 0.0
+        assert (side == 0.0) == (abs(stretch) <= 0.5 * gap or force * np.sign(stretch) <= 0.0)
+        margin = contact_margin(stretch, rate, side, k, c, gap)
+        assert margin >= 0.0
+        assert contact(stretch, rate, k, c, 0.0) != 0.0  # joined for good
