@@ -135,7 +135,15 @@ def resistance(q, v, s, tau, t, p, on, user):
     return plain_resistance(q, v, s, tau, t, p) + extra_resistance(q, v, s, tau, t, p, on, user)
 
 
+@inlined
+def plain_line(s, p):
+    """Return plain friction in direction s as a straight line over velocity: level and slope."""
+    level = plain_resistance(0.0, 0.0, s, 0.0, 0.0, p)
+    return level, plain_resistance(0.0, 1.0, s, 0.0, 0.0, p) - level
+
+
 _MAX_STEPS = 64
+_MAX_TERMS = 40
 _REACH = 2.0  # a series converges well over an angle of two radians
 _BRISTLE_REACH = 0.4  # angle of the bristle's vibration in a step
 
@@ -144,10 +152,39 @@ _BRISTLE_REACH = 0.4  # angle of the bristle's vibration in a step
 def _terms(angle):
     """Return how many terms of its series a vibration through this angle needs."""
     n, term = 1, angle
-    while term > 1e-9:
+    while term > 1e-9 and n < _MAX_TERMS:
         n += 1
         term *= angle / n
     return max(n, 4)
+
+
+@compiled
+def _drag(p):
+    """Return the greatest rate at which viscous friction slows one of two masses, 1/s."""
+    slope = max(abs(plain_line(1.0, p)[1]), abs(plain_line(-1.0, p)[1]))
+    return slope * max((1.0 - p["share"]) / p["motor"], p["share"] / p["load"])
+
+
+@compiled
+def _joint(p, on):
+    """Return how the axis is divided: load's shares of mass and friction, Hz, damping, gap."""
+    if on["backlash"]:
+        return (
+            p["backlash.load_share"],
+            p["backlash.load_friction"],
+            p["backlash.contact_hz"],
+            p["backlash.damping"],
+            p["backlash.gap"],
+        )
+    if on["flexibility"]:
+        return (
+            p["flexibility.load_share"],
+            p["flexibility.load_friction"],
+            p["flexibility.frequency_hz"],
+            p["flexibility.damping"],
+            0.0,
+        )
+    return 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @compiled
@@ -157,36 +194,19 @@ def derive(dt, n, p, on):
     A stiffness beyond what the greatest number of steps resolves is as good as rigid, and is
     lowered to that one.
     """
-    m = p["inertia"]
-    if on["backlash"]:
-        r, share, hz, zeta, gap = (
-            p["backlash.load_share"],
-            p["backlash.load_friction"],
-            p["backlash.contact_hz"],
-            p["backlash.damping"],
-            p["backlash.gap"],
-        )
-    elif on["flexibility"]:
-        r, share, hz, zeta, gap = (
-            p["flexibility.load_share"],
-            p["flexibility.load_friction"],
-            p["flexibility.frequency_hz"],
-            p["flexibility.damping"],
-            0.0,
-        )
-    else:
-        r, share, hz, zeta, gap = 0.0, 0.0, 0.0, 0.0, 0.0
+    m, (r, share, hz, zeta, gap) = p["inertia"], _joint(p, on)
     p["motor"], p["load"], p["share"], p["gap"] = m * (1.0 - r), m * r, share, gap
     damped, reduced = max(1.0, 2.0 * zeta), m * r * (1.0 - r)
     w = min(2.0 * np.pi * hz, _MAX_STEPS * _REACH / (damped * dt))
     p["k"], p["c"] = reduced * w * w, 2.0 * zeta * reduced * w
-    steps = max(n, int(np.ceil(w * damped * dt / _REACH)))
+    angle = (w * damped + _drag(p)) * dt if r > 0.0 else 0.0
+    steps = max(n, min(int(np.ceil(angle / _REACH)), _MAX_STEPS))
     if on["presliding"]:
         fastest = _MAX_STEPS * _BRISTLE_REACH / dt
         p["bristle"] = min(p["presliding.stiffness"], p["motor"] * fastest * fastest)
-        angle = np.sqrt(p["bristle"] / p["motor"]) * dt
-        steps = max(steps, int(np.ceil(angle / _BRISTLE_REACH)))
-    p["steps"], p["terms"] = steps, _terms(w * damped * dt / steps)
+        bristle = np.sqrt(p["bristle"] / p["motor"]) * dt
+        steps = max(steps, int(np.ceil(bristle / _BRISTLE_REACH)))
+    p["steps"], p["terms"] = steps, _terms(angle / steps)
 
 
 @inlined

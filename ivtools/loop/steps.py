@@ -20,7 +20,7 @@ import numpy as np
 
 from ..physics.friction import bristle_deflection, bristle_rate
 from .compiled import compiled, inlined
-from .mechanics import extra_resistance, friction_level, link_force, plain_resistance, rates
+from .mechanics import extra_resistance, friction_level, link_force, plain_line, rates
 
 _LATE = 2.0 / 3.0
 
@@ -71,13 +71,6 @@ def _phi3(z):
     if abs(z) < 0.02:
         return (1.0 - z / 4 * (1.0 - z / 5 * (1.0 - z / 6 * (1.0 - z / 7)))) / 6
     return (0.5 - phi(z)[1]) / z
-
-
-@inlined
-def plain_line(s, p):
-    """Return plain friction in direction s as a straight line over velocity: level and slope."""
-    level = plain_resistance(0.0, 0.0, s, 0.0, 0.0, p)
-    return level, plain_resistance(0.0, 1.0, s, 0.0, 0.0, p) - level
 
 
 @inlined
@@ -180,7 +173,7 @@ def two_masses(x, mode, h, tau, rise, t, p, on, user):
         w2 * k,
         w1 * c,
         w2 * c,
-        p["terms"] if side != 0.0 else 4,
+        p["terms"],
     )
     if not on["beyond"]:
         return y, a1
