@@ -8,7 +8,7 @@ import pytest
 
 import ivtools as iv
 from ivtools.cli import run
-from ivtools.gap import findings, hints, parity
+from ivtools.gap import findings, hints, pair, parity
 from ivtools.loop import Controller
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -201,7 +201,7 @@ def test_a_sound_record_has_no_finding(record, loop):
 
 
 def test_two_records_of_one_axis_are_a_pair(emps, emps_pulses):
-    assert findings.pair(emps, emps_pulses) == []
+    assert pair.overlap(emps, emps_pulses) == []
 
 
 @pytest.mark.parametrize("unit", ["mm", "µm", "cm", "inches"])

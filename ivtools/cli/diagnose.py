@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ivtools.cli import options
-from ivtools.cli.output import follow, progress, show, stoppable, write_json, writing
+from ivtools.cli.output import follow, progress, show, stoppable, write_json, write_page, writing
 from ivtools.errors import DataError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def diagnose(
     records: Annotated[
         list[str],
         typer.Argument(
-            metavar="RECORD...",
+            metavar="RECORD",
             help="A csv, parquet or mat file, or emps, emps-pulses, twin; several, a pattern such "
             "as 'logs/*.csv', or a folder, are diagnosed as a fleet.",
         ),
@@ -46,9 +46,11 @@ def diagnose(
 ) -> None:
     """Name what separates the simulation from a record, and how far it can be closed.
 
-    Several records are a fleet: one table, and with --out a page each, an overview and fleet.csv;
-    the same command again goes on where it was stopped. Status 0: every record was diagnosed, 1:
-    some could not be, 2: none could.
+    Several records are a fleet: one table, and with --out a page of each.
+
+    The same command again goes on where a fleet was stopped.
+
+    Status of a fleet: 0 all are diagnosed, 1 some could not be, 2 none could.
     """
     names, several = _expanded(records)
     if not several:
@@ -89,10 +91,7 @@ def _one(
         gap = find_gap(measured, loop, holdout=other, progress=advance)
     texts: list[object] = [gap.summary()]
     if out is not None:
-        with writing(out):
-            out.mkdir(parents=True, exist_ok=True)
-            gap.to_html(out / "report.html")
-        texts.append(f"report: {out / 'report.html'}")
+        texts.append(f"report: {write_page(gap.page(), out)}")
     if json is not None:
         write_json(gap.to_dict(), json)
     show(*texts, json_file=json)

@@ -13,7 +13,6 @@ from ..errors import RecordError
 from ..loop import ClosedLoop
 from ..record import Record
 from . import hints
-from .fit import Fit
 from .fold import usable
 from .parity import Parity
 
@@ -27,8 +26,6 @@ _GROSS = 0.15  # a larger error of a gain is a wrong axis file, not an effect
 _OVER, _FEW = 1.05, 8  # command over its declared limit, in so many samples: it is not the limit
 _BEYOND = 2.0  # command over its declared limit from which a unit must be wrong
 _INERTIA = (0.05, 20.0)  # of the record per that of the axis file
-_SAME_AXIS = 1.3  # inertias of two records of one axis differ by less
-_WORSE = 3.0  # a record simulated with the inertia of another axis is that much worse
 SATURATED = 0.2  # share of samples at the limit beyond which nothing can be said
 
 
@@ -96,41 +93,6 @@ def identified(record: Record, loop: ClosedLoop) -> list[Finding]:
 def named(found: Sequence[Finding], record: Record) -> list[Finding]:
     """Return findings that say of which record they speak."""
     return [replace(f, text=f"{record.name}: {f.text}") for f in found]
-
-
-def pair(record: Record, holdout: Record) -> list[Finding]:
-    """Return what is wrong with a record and its hold-out together."""
-    share = _shared(record, holdout)
-    if share > 0.95:
-        text = f"the hold-out {holdout.name} holds the same samples as {record.name}"
-        return [Finding(f"{text}; give another record of the axis, or none")]
-    if share > 0.1:
-        text = f"the hold-out {holdout.name} shares {100 * share:.0f} % of its samples with "
-        return [Finding(f"{text}{record.name}; give a record that was not fitted to")]
-    return []
-
-
-def same_axis(bases: Sequence[Fit]) -> list[Finding]:
-    """Return what two records say against being of one axis.
-
-    Their inertias differ, and neither record can be simulated with the other's.
-    """
-    inertias = [fit.values.get("inertia", 1.0) for fit in bases]
-    if max(inertias) < _SAME_AXIS * min(inertias):
-        return []
-    for fit, other in zip(bases, inertias[::-1], strict=True):
-        error = fit.fold.error(fit.loop, {**fit.values, "inertia": other})
-        if float(np.mean(error**2)) < _WORSE * fit.cost:
-            return []
-    unit = "kg" if bases[0].loop.joint == "prismatic" else "kg m2"
-    names = [fit.fold.record.name for fit in bases]
-    shown = " and ".join(f"{n} {m:.4g} {unit}" for n, m in zip(names, inertias, strict=True))
-    return [
-        Finding(
-            f"the records show different inertias ({shown}): another axis, payload or unit; hold "
-            "out a record of the same axis and load"
-        )
-    ]
 
 
 def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
@@ -264,23 +226,3 @@ def rough_inertia(record: Record, loop: ClosedLoop) -> float:
     X = np.column_stack([ddq, dq, np.sign(dq), np.ones(len(q))])[inner]
     scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     return float((np.linalg.lstsq(X / scale, tau[inner], rcond=None)[0] / scale)[0])
-
-
-def _shared(record: Record, holdout: Record, windows: int = 40, width: int = 50) -> float:
-    """Return the share of a record's stretches that another one holds, sample for sample."""
-    one, two = (_columns(r) for r in (record, holdout))
-    starts = np.linspace(0, len(two) - width, windows).astype(int)
-    return float(np.mean([_holds(one, two[s : s + width]) for s in starts]))
-
-
-def _columns(record: Record) -> Array:
-    """Return position and command, (n_samples, 2)."""
-    force = record.nu if record.nu is not None else record.tau
-    assert force is not None  # a record has one of them
-    return np.column_stack([record.q[:, 0], force[:, 0]])
-
-
-def _holds(x: Array, part: Array) -> bool:
-    width = len(part)
-    at = np.flatnonzero((x[: len(x) - width + 1] == part[0]).all(axis=1))
-    return any(np.array_equal(x[i : i + width], part) for i in at)

@@ -14,7 +14,7 @@ from ..errors import EstimationError, IVToolsError
 from ..loop import ClosedLoop
 from ..physics import Term
 from ..record import Record
-from . import findings, floor, parity, response
+from . import findings, floor, pair, parity, response
 from .answer import Measured, answer, local
 from .attribute import Attribution, attribute
 from .candidates import Scales
@@ -106,7 +106,7 @@ def _diagnose(
     for one, shown in zip(records, checked, strict=True):
         seen = findings.inspect(one, loop, shown)
         found += seen if holdout is None else findings.named(seen, one)
-    found += [] if holdout is None else findings.pair(record, holdout)
+    found += [] if holdout is None else pair.overlap(record, holdout)
     if any(f.fatal for f in found):
         return _refused(record, loop, checked, found)
     say("base model and floor")
@@ -116,7 +116,7 @@ def _diagnose(
     except IVToolsError as error:
         return _refused(record, loop, checked, [*found, findings.Finding(str(error))])
     if holdout is not None:
-        found += findings.same_axis([m.base for m in measured])
+        found += pair.same_axis([m.base for m in measured])
     if any(f.fatal for f in found):
         return _refused(record, loop, checked, found)
     if any(p.clipped > findings.SATURATED for p in checked):

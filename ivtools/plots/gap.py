@@ -4,48 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
-from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
-from ivtools.errors import DataError
-from ivtools.plots.style import COLOURS, Sheet, legend_above, line, look, readable, sheet
+from ivtools.plots import panels
+from ivtools.plots.style import Sheet, look, sheet
 
 if TYPE_CHECKING:
-    from ivtools.gap.diagnosis import Diagnosis, Ranked, Traces
-    from ivtools.gap.quantify import Shrink
+    from ivtools.gap.diagnosis import Diagnosis
 
 WIDTH_MM = 170.0  # two columns
-_BEFORE, _AFTER = str(COLOURS["error"]), str(COLOURS["model"])
-_FLOOR, _TWIN, _OTHER, _EVENT = "#009e73", "#e69f00", "#c8c8c8", "#f0e442"
-_RIGHT = "#9a9a9a"
-_FAINT = 0.25
-_SHOWN = 10  # effects of a ranking
-_BESIDE: dict[str, Any] = {
-    "textcoords": "offset points",
-    "va": "center",
-    "fontsize": 6.0,
-    "color": "#57606a",
-}
-_TIGHT: dict[str, Any] = {
-    "borderaxespad": 0.1,
-    "handlelength": 1.4,
-    "columnspacing": 1.0,
-    "handletextpad": 0.5,
-}
-_PARTS = (
-    "reversal",
-    "acceleration",
-    "constant speed",
-    "pulse edges",
-    "forward",
-    "backward",
-    "low speed",
-    "middle speed",
-    "high speed",
-)
 
 
 def gap(diagnosis: Diagnosis) -> Sheet:
@@ -67,11 +34,11 @@ def gap(diagnosis: Diagnosis) -> Sheet:
     with look():
         figure = sheet(WIDTH_MM, 115.0)
         axes = figure.subplots(2, 2, width_ratios=(3, 2))
-        _error(axes[0, 0], diagnosis)
-        _ranking(axes[0, 1], diagnosis)
-        _force(axes[1, 0], diagnosis, _worst(_traces(diagnosis)))
+        panels.error_over_time(axes[0, 0], diagnosis)
+        panels.ranking(axes[0, 1], diagnosis)
+        panels.force(axes[1, 0], diagnosis, panels.worst_second(panels.traces_of(diagnosis)))
         axes[1, 0].set_xlabel("time, s")
-        _shrink(axes[1, 1], diagnosis)
+        panels.before_and_after(axes[1, 1], diagnosis)
         figure.suptitle(_title(diagnosis), fontsize=8)
     return figure
 
@@ -83,10 +50,10 @@ def where(diagnosis: Diagnosis) -> Sheet:
         upper, lower = (
             row.subplots(1, 2, width_ratios=(3, 2)) for row in _parts(figure.subfigures(2, 1))
         )
-        _error(upper[0], diagnosis)
-        _regions(upper[1], diagnosis)
-        _plane(lower[0], diagnosis)
-        _spectrum(lower[1], diagnosis)
+        panels.error_over_time(upper[0], diagnosis)
+        panels.shares_by_region(upper[1], diagnosis)
+        panels.error_in_the_plane(lower[0], diagnosis)
+        panels.spectrum(lower[1], diagnosis)
     return figure
 
 
@@ -94,7 +61,7 @@ def which(diagnosis: Diagnosis) -> Sheet:
     """Draw the ranking of the effects."""
     with look():
         figure = sheet(110.0, 70.0)
-        _ranking(figure.subplots(), diagnosis)
+        panels.ranking(figure.subplots(), diagnosis)
     return figure
 
 
@@ -103,11 +70,11 @@ def how_far(diagnosis: Diagnosis) -> Sheet:
     with look():
         figure = sheet(WIDTH_MM, 80.0)
         left, right = _parts(figure.subfigures(1, 2, width_ratios=(2, 3)))
-        _shrink(left.subplots(), diagnosis)
+        panels.before_and_after(left.subplots(), diagnosis)
         upper, lower = right.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-        rows = _worst(_traces(diagnosis))
-        _force(upper, diagnosis, rows)
-        _errors(lower, diagnosis, rows)
+        rows = panels.worst_second(panels.traces_of(diagnosis))
+        panels.force(upper, diagnosis, rows)
+        panels.difference(lower, diagnosis, rows)
         lower.set_xlabel("time, s")
     return figure
 
@@ -142,202 +109,6 @@ def _parts(found: Any) -> list[SubFigure]:
     return list(found)
 
 
-def _traces(diagnosis: Diagnosis) -> Traces:
-    if diagnosis.traces is None:
-        raise DataError("the record did not allow a comparison; its findings say why")
-    return diagnosis.traces
-
-
 def _title(diagnosis: Diagnosis) -> str:
     named = ", ".join(diagnosis.effects) or "no effect named"
     return f"{diagnosis.name}: {diagnosis.verdict} ({named})"
-
-
-def _unit(diagnosis: Diagnosis) -> str:
-    return "N" if diagnosis.loop.joint == "prismatic" else "N m"
-
-
-def _error(axes: Axes, diagnosis: Diagnosis) -> None:
-    traces = _traces(diagnosis)
-    t, keep = traces.record.t, traces.keep
-    for values, colour, label in (
-        (traces.before, _BEFORE, "before"),
-        (traces.after, _AFTER, "after"),
-    ):
-        line(axes, t, np.where(keep, np.nan, values), color=colour, linewidth=0.5, alpha=_FAINT)
-        line(axes, t, np.where(keep, values, np.nan), color=colour, linewidth=0.5, label=label)
-    for k, (start, stop) in enumerate(_events(diagnosis)):
-        once = "stands out once" if k == 0 else None
-        axes.axvspan(start, stop, color=_EVENT, alpha=0.5, linewidth=0, label=once)
-    size = 1.3 * np.quantile(np.abs(traces.before[keep]), 0.999)
-    axes.set_ylim(-size, size)
-    axes.set_xlabel("time, s")
-    axes.set_ylabel(f"force error, {_unit(diagnosis)}")
-    legend_above(axes)
-
-
-def _events(diagnosis: Diagnosis) -> list[tuple[float, float]]:
-    """Return the stretches of the judging record that stand out and do not come again."""
-    from ivtools.gap.answer import local
-
-    return [(a, b) for level in diagnosis.floors[-1:] if local(level) for a, b in level.events]
-
-
-def _regions(axes: Axes, diagnosis: Diagnosis) -> None:
-    shown = [r for r in diagnosis.regions if r.name in _PARTS]
-    y = np.arange(len(shown))[::-1]
-    axes.barh(y + 0.27, [100 * r.energy for r in shown], 0.26, color=_BEFORE, label="before")
-    axes.barh(y, [100 * r.after for r in shown], 0.26, color=_AFTER, label="after")
-    axes.barh(y - 0.27, [100 * r.time for r in shown], 0.26, color=_OTHER, label="share of time")
-    axes.set_yticks(y, [r.name for r in shown])
-    axes.tick_params(axis="y", length=0)
-    axes.set_xlabel("share of the energy before, %")
-    legend_above(axes)
-
-
-def _plane(axes: Axes, diagnosis: Diagnosis) -> None:
-    traces = _traces(diagnosis)
-    q = traces.record.q[:, 0]
-    v = np.gradient(q, traces.record.dt)
-    v = np.convolve(v, np.ones(15) / 15, mode="same")
-    kept = np.flatnonzero(traces.keep)
-    rows = kept[:: max(len(kept) // 5000, 1)]
-    size = np.quantile(np.abs(traces.before[rows]), 0.98)
-    points = axes.scatter(
-        q[rows],
-        v[rows],
-        c=traces.before[rows],
-        s=2.0,
-        cmap="RdBu_r",
-        vmin=-size,
-        vmax=size,
-        rasterized=True,
-        linewidths=0,
-    )
-    length = "m" if diagnosis.loop.joint == "prismatic" else "rad"
-    axes.set_xlabel(f"position, {length}")
-    axes.set_ylabel(f"velocity, {length}/s")
-    assert axes.figure is not None
-    axes.set_title(f"force error before, {_unit(diagnosis)}", loc="left")
-    axes.figure.colorbar(points, ax=axes, aspect=30, pad=0.02, extend="both")
-
-
-def _spectrum(axes: Axes, diagnosis: Diagnosis) -> None:
-    hz, before, after, floor = _traces(diagnosis).spectra
-    for values, colour, label in (
-        (before, _BEFORE, "before"),
-        (after, _AFTER, "after"),
-        (floor, _FLOOR, "floor"),
-    ):
-        axes.loglog(hz[1:], values[1:], color=colour, label=label)
-    axes.set_xlabel("frequency, Hz")
-    axes.set_ylabel(f"force error, {readable(_unit(diagnosis))}/√Hz")
-    legend_above(axes)
-
-
-def _ranking(axes: Axes, diagnosis: Diagnosis) -> None:
-    shown = _chosen(diagnosis)[::-1]
-    twins = {x: e for e, others in diagnosis.ambiguous_with.items() for x in others}
-    for y, ranked in enumerate(shown):
-        closed = 100 * ranked.closed
-        mine, twin = ranked.effect in diagnosis.effects, twins.get(ranked.effect)
-        axes.barh(
-            y,
-            closed,
-            color=_AFTER if mine else _TWIN if twin else _OTHER,
-            alpha=1.0 if ranked.held_out else 0.45,
-            hatch=None if ranked.held_out else "////",
-            edgecolor="white",
-            linewidth=0.0,
-        )
-        told = f"not told from {twin}" if twin else ""
-        if ranked.effect in diagnosis.beside:
-            told = "named beside the others"
-        axes.annotate(told, (closed, y), (3, 0), **_BESIDE)
-    axes.set_yticks(range(len(shown)), [r.effect for r in shown])
-    axes.tick_params(axis="y", length=0)
-    axes.set_xlim(0.0, max(1.7 * 100 * max((r.closed for r in shown), default=0.0), 10.0))
-    room = 140.0 if twins or diagnosis.beside else 102.0
-    axes.set_xlim(right=min(axes.get_xlim()[1], room))
-    axes.set_xlabel("closes alone, % of the reducible gap")
-    keys = [
-        Patch(color=_AFTER, label="named"),
-        Patch(color=_OTHER, label="not named"),
-        Patch(facecolor=_OTHER, alpha=0.45, hatch="////", edgecolor="white", label="screened only"),
-    ]
-    axes.legend(handles=keys, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, **_TIGHT)
-
-
-def _chosen(diagnosis: Diagnosis) -> list[Ranked]:
-    """Return the effects to show: the best ones, and whatever is named; largest first."""
-    twins = {x for others in diagnosis.ambiguous_with.values() for x in others}
-    needed = {*diagnosis.effects, *twins}
-    first = [r for r in diagnosis.ranking if r.effect in needed]
-    rest = [r for r in diagnosis.ranking if r.effect not in needed]
-    return sorted([*first, *rest][:_SHOWN], key=lambda r: -r.closed)
-
-
-def _shrink(axes: Axes, diagnosis: Diagnosis) -> None:
-    s = _found(diagnosis)
-    bars = [("before", s.before, _BEFORE), ("after", s.after, _AFTER)]
-    if s.corrected < 0.98 * s.before:
-        bars.insert(1, ("controller\nput right", s.corrected, _RIGHT))
-    low, high = s.interval
-    last = len(bars) - 1
-    for x, (_, value, colour) in enumerate(bars):
-        axes.bar(x, value, 0.6, color=colour)
-        top = value if x < last else max(value, high)
-        axes.annotate(f"{value:.3g}", (x, top), (0, 2), ha="center", textcoords="offset points")
-    reach = [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]]
-    axes.errorbar([last], [s.after], reach, color="black", capsize=3)
-    axes.axhline(s.floor, color=_FLOOR, linestyle="--")
-    axes.annotate(
-        f"floor {s.floor:.2g}",
-        (last + 0.5, s.floor),
-        (0, 2),
-        textcoords="offset points",
-        color=_FLOOR,
-    )
-    axes.set_xlim(-0.5, last + 1.2)
-    axes.set_ylim(0.0, 1.15 * max(s.before, s.after, high))
-    axes.set_xticks(range(len(bars)), [name for name, _, _ in bars])
-    axes.grid(False, axis="x")
-    axes.set_ylabel(f"force error, {s.unit} rms")
-    axes.set_title(f"{100 * s.closed:.0f} % of the reducible gap closed", loc="left")
-
-
-def _found(diagnosis: Diagnosis) -> Shrink:
-    if diagnosis.shrink is None:
-        raise DataError("the record did not allow a comparison; its findings say why")
-    return diagnosis.shrink
-
-
-def _worst(traces: Traces) -> slice:
-    """Return the second with the largest energy of the error before."""
-    width = min(round(1.0 / traces.record.dt), len(traces.before) // 2)
-    energy = np.where(traces.keep, traces.before, 0.0) ** 2
-    at = int(np.argmax(np.convolve(energy, np.ones(width), mode="valid")))
-    return slice(at, at + width)
-
-
-def _force(axes: Axes, diagnosis: Diagnosis, rows: slice) -> None:
-    traces = _traces(diagnosis)
-    t = traces.record.t[rows]
-    simulated: dict[str, tuple[NDArray[np.float64], str]] = {
-        "before": (traces.measured - traces.before, _BEFORE),
-        "after": (traces.measured - traces.after, _AFTER),
-    }
-    measured = traces.measured[rows]
-    axes.plot(t, measured, color=str(COLOURS["measured"]), linewidth=2.0, label="measured")
-    for name, (values, colour) in simulated.items():
-        axes.plot(t, values[rows], color=colour, linewidth=0.8, label=f"simulated {name}")
-    axes.set_ylabel(f"force, {_unit(diagnosis)}")
-    legend_above(axes)
-
-
-def _errors(axes: Axes, diagnosis: Diagnosis, rows: slice) -> None:
-    traces = _traces(diagnosis)
-    t = traces.record.t[rows]
-    axes.plot(t, traces.before[rows], color=_BEFORE, linewidth=0.8)
-    axes.plot(t, traces.after[rows], color=_AFTER, linewidth=0.8)
-    axes.set_ylabel(f"difference, {_unit(diagnosis)}")

@@ -1,0 +1,251 @@
+"""Panels of the figures of a diagnosis: each draws one view into axes that it is given."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from ivtools.errors import DataError
+from ivtools.plots.style import COLOURS, legend_above, line, readable
+
+if TYPE_CHECKING:
+    from ivtools.gap.diagnosis import Diagnosis, Ranked, Traces
+    from ivtools.gap.quantify import Shrink
+
+_BEFORE, _AFTER = str(COLOURS["error"]), str(COLOURS["model"])
+_FLOOR, _TWIN, _OTHER, _EVENT = "#009e73", "#e69f00", "#c8c8c8", "#f0e442"
+_RIGHT = "#9a9a9a"
+_FAINT = 0.25
+_SHOWN = 10  # effects of a ranking
+_BESIDE: dict[str, Any] = {
+    "textcoords": "offset points",
+    "va": "center",
+    "fontsize": 6.0,
+    "color": "#57606a",
+}
+_TIGHT: dict[str, Any] = {
+    "borderaxespad": 0.1,
+    "handlelength": 1.4,
+    "columnspacing": 1.0,
+    "handletextpad": 0.5,
+}
+_PARTS = (
+    "reversal",
+    "acceleration",
+    "constant speed",
+    "pulse edges",
+    "forward",
+    "backward",
+    "low speed",
+    "middle speed",
+    "high speed",
+)
+
+
+def traces_of(diagnosis: Diagnosis) -> Traces:
+    """Return the signals of a diagnosis; a `DataError` if it could not compare any."""
+    if diagnosis.traces is None:
+        raise DataError("the record did not allow a comparison; its findings say why")
+    return diagnosis.traces
+
+
+def _unit(diagnosis: Diagnosis) -> str:
+    return "N" if diagnosis.loop.joint == "prismatic" else "N m"
+
+
+def error_over_time(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw the force error over time, faint where it does not count."""
+    traces = traces_of(diagnosis)
+    t, keep = traces.record.t, traces.keep
+    for values, colour, label in (
+        (traces.before, _BEFORE, "before"),
+        (traces.after, _AFTER, "after"),
+    ):
+        line(axes, t, np.where(keep, np.nan, values), color=colour, linewidth=0.5, alpha=_FAINT)
+        line(axes, t, np.where(keep, values, np.nan), color=colour, linewidth=0.5, label=label)
+    for k, (start, stop) in enumerate(_events(diagnosis)):
+        once = "stands out once" if k == 0 else None
+        axes.axvspan(start, stop, color=_EVENT, alpha=0.5, linewidth=0, label=once)
+    size = 1.3 * np.quantile(np.abs(traces.before[keep]), 0.999)
+    axes.set_ylim(-size, size)
+    axes.set_xlabel("time, s")
+    axes.set_ylabel(f"force error, {_unit(diagnosis)}")
+    legend_above(axes)
+
+
+def _events(diagnosis: Diagnosis) -> list[tuple[float, float]]:
+    """Return the stretches of the judging record that stand out and do not come again."""
+    from ivtools.gap.answer import local
+
+    return [(a, b) for level in diagnosis.floors[-1:] if local(level) for a, b in level.events]
+
+
+def shares_by_region(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw the share of the energy, before and after, and of the time, by region."""
+    shown = [r for r in diagnosis.regions if r.name in _PARTS]
+    y = np.arange(len(shown))[::-1]
+    axes.barh(y + 0.27, [100 * r.energy for r in shown], 0.26, color=_BEFORE, label="before")
+    axes.barh(y, [100 * r.after for r in shown], 0.26, color=_AFTER, label="after")
+    axes.barh(y - 0.27, [100 * r.time for r in shown], 0.26, color=_OTHER, label="share of time")
+    axes.set_yticks(y, [r.name for r in shown])
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("share of the energy before, %")
+    legend_above(axes)
+
+
+def error_in_the_plane(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw the error before over position and velocity."""
+    traces = traces_of(diagnosis)
+    q = traces.record.q[:, 0]
+    v = np.gradient(q, traces.record.dt)
+    v = np.convolve(v, np.ones(15) / 15, mode="same")
+    kept = np.flatnonzero(traces.keep)
+    rows = kept[:: max(len(kept) // 5000, 1)]
+    size = np.quantile(np.abs(traces.before[rows]), 0.98)
+    points = axes.scatter(
+        q[rows],
+        v[rows],
+        c=traces.before[rows],
+        s=2.0,
+        cmap="RdBu_r",
+        vmin=-size,
+        vmax=size,
+        rasterized=True,
+        linewidths=0,
+    )
+    length = "m" if diagnosis.loop.joint == "prismatic" else "rad"
+    axes.set_xlabel(f"position, {length}")
+    axes.set_ylabel(f"velocity, {length}/s")
+    assert axes.figure is not None
+    axes.set_title(f"force error before, {_unit(diagnosis)}", loc="left")
+    axes.figure.colorbar(points, ax=axes, aspect=30, pad=0.02, extend="both")
+
+
+def spectrum(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw the amplitude density of the error before and after, and of the floor."""
+    hz, before, after, floor = traces_of(diagnosis).spectra
+    for values, colour, label in (
+        (before, _BEFORE, "before"),
+        (after, _AFTER, "after"),
+        (floor, _FLOOR, "floor"),
+    ):
+        axes.loglog(hz[1:], values[1:], color=colour, label=label)
+    axes.set_xlabel("frequency, Hz")
+    axes.set_ylabel(f"force error, {readable(_unit(diagnosis))}/√Hz")
+    legend_above(axes)
+
+
+def ranking(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw what each effect closes alone."""
+    shown = _chosen(diagnosis)[::-1]
+    twins = {x: e for e, others in diagnosis.ambiguous_with.items() for x in others}
+    for y, ranked in enumerate(shown):
+        closed = 100 * ranked.closed
+        mine, twin = ranked.effect in diagnosis.effects, twins.get(ranked.effect)
+        axes.barh(
+            y,
+            closed,
+            color=_AFTER if mine else _TWIN if twin else _OTHER,
+            alpha=1.0 if ranked.held_out else 0.45,
+            hatch=None if ranked.held_out else "////",
+            edgecolor="white",
+            linewidth=0.0,
+        )
+        told = f"not told from {twin}" if twin else ""
+        if ranked.effect in diagnosis.beside:
+            told = "named beside the others"
+        axes.annotate(told, (closed, y), (3, 0), **_BESIDE)
+    axes.set_yticks(range(len(shown)), [r.effect for r in shown])
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlim(0.0, max(1.7 * 100 * max((r.closed for r in shown), default=0.0), 10.0))
+    room = 140.0 if twins or diagnosis.beside else 102.0
+    axes.set_xlim(right=min(axes.get_xlim()[1], room))
+    axes.set_xlabel("closes alone, % of the reducible gap")
+    keys = [
+        Patch(color=_AFTER, label="named"),
+        Patch(color=_OTHER, label="not named"),
+        Patch(facecolor=_OTHER, alpha=0.45, hatch="////", edgecolor="white", label="screened only"),
+    ]
+    axes.legend(handles=keys, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, **_TIGHT)
+
+
+def _chosen(diagnosis: Diagnosis) -> list[Ranked]:
+    """Return the effects to show: the best ones, and whatever is named; largest first."""
+    twins = {x for others in diagnosis.ambiguous_with.values() for x in others}
+    needed = {*diagnosis.effects, *twins}
+    first = [r for r in diagnosis.ranking if r.effect in needed]
+    rest = [r for r in diagnosis.ranking if r.effect not in needed]
+    return sorted([*first, *rest][:_SHOWN], key=lambda r: -r.closed)
+
+
+def before_and_after(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw the force error before and after, its interval, and the floor."""
+    s = _found(diagnosis)
+    bars = [("before", s.before, _BEFORE), ("after", s.after, _AFTER)]
+    if s.corrected < 0.98 * s.before:
+        bars.insert(1, ("controller\nput right", s.corrected, _RIGHT))
+    low, high = s.interval
+    last = len(bars) - 1
+    for x, (_, value, colour) in enumerate(bars):
+        axes.bar(x, value, 0.6, color=colour)
+        top = value if x < last else max(value, high)
+        axes.annotate(f"{value:.3g}", (x, top), (0, 2), ha="center", textcoords="offset points")
+    reach = [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]]
+    axes.errorbar([last], [s.after], reach, color="black", capsize=3)
+    axes.axhline(s.floor, color=_FLOOR, linestyle="--")
+    axes.annotate(
+        f"floor {s.floor:.2g}",
+        (last + 0.5, s.floor),
+        (0, 2),
+        textcoords="offset points",
+        color=_FLOOR,
+    )
+    axes.set_xlim(-0.5, last + 1.2)
+    axes.set_ylim(0.0, 1.15 * max(s.before, s.after, high))
+    axes.set_xticks(range(len(bars)), [name for name, _, _ in bars])
+    axes.grid(False, axis="x")
+    axes.set_ylabel(f"force error, {s.unit} rms")
+    axes.set_title(f"{100 * s.closed:.0f} % of the reducible gap closed", loc="left")
+
+
+def _found(diagnosis: Diagnosis) -> Shrink:
+    if diagnosis.shrink is None:
+        raise DataError("the record did not allow a comparison; its findings say why")
+    return diagnosis.shrink
+
+
+def worst_second(traces: Traces) -> slice:
+    """Return the second with the largest energy of the error before."""
+    width = min(round(1.0 / traces.record.dt), len(traces.before) // 2)
+    energy = np.where(traces.keep, traces.before, 0.0) ** 2
+    at = int(np.argmax(np.convolve(energy, np.ones(width), mode="valid")))
+    return slice(at, at + width)
+
+
+def force(axes: Axes, diagnosis: Diagnosis, rows: slice) -> None:
+    """Draw measured and simulated force."""
+    traces = traces_of(diagnosis)
+    t = traces.record.t[rows]
+    simulated: dict[str, tuple[NDArray[np.float64], str]] = {
+        "before": (traces.measured - traces.before, _BEFORE),
+        "after": (traces.measured - traces.after, _AFTER),
+    }
+    measured = traces.measured[rows]
+    axes.plot(t, measured, color=str(COLOURS["measured"]), linewidth=2.0, label="measured")
+    for name, (values, colour) in simulated.items():
+        axes.plot(t, values[rows], color=colour, linewidth=0.8, label=f"simulated {name}")
+    axes.set_ylabel(f"force, {_unit(diagnosis)}")
+    legend_above(axes)
+
+
+def difference(axes: Axes, diagnosis: Diagnosis, rows: slice) -> None:
+    """Draw measured minus simulated force."""
+    traces = traces_of(diagnosis)
+    t = traces.record.t[rows]
+    axes.plot(t, traces.before[rows], color=_BEFORE, linewidth=0.8)
+    axes.plot(t, traces.after[rows], color=_AFTER, linewidth=0.8)
+    axes.set_ylabel(f"difference, {_unit(diagnosis)}")
