@@ -64,7 +64,7 @@ STRIBECK = Term(
     "stribeck",
     "mechanics",
     (
-        Parameter("force", "{F}"),
+        Parameter("force", "{F}", lower=0.0),
         Parameter(
             "speed",
             "{L}/s",
@@ -109,7 +109,7 @@ POSITION_FRICTION = Term(
 LOAD_FRICTION = Term(
     "load-friction",
     "mechanics",
-    (Parameter("ratio", "1", scale="one"),),
+    (Parameter("ratio", "1", lower=0.0, scale="one"),),
     "mu |tau| sign(dq)",
     "Gogoussis, Donath, IEEE Int. Conf. Robotics and Automation, 1988",
     law=lambda q, dq, ddq, sign, tau, t, mu: mu * np.abs(tau) * sign,
