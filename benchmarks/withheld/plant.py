@@ -1,8 +1,7 @@
 """A simulated axis that shares no code with the toolkit.
 
-Another integrator (semi-implicit Euler at 20 kHz or more, with friction by Karnopp's rule inside a
-velocity band), other functional forms of the effects, other noise. Dimensionless: the generator
-scales length, mass and time afterwards.
+Another integrator (semi-implicit Euler, 20 steps per sample, with dry friction by Karnopp's rule),
+other functional forms of the effects, other noise. `NAMES` says what the plant can do.
 """
 
 import numpy as np
@@ -60,7 +59,7 @@ INDEX = {n: i for i, n in enumerate(NAMES)}
 
 @njit(cache=True)
 def _friction(v, q, t, tau, p):
-    """Return the viscous-like force and the Coulomb level at a point."""
+    """Return the viscous-like force and the Coulomb level at a point, N."""
     s = 1.0 if v > 0 else (-1.0 if v < 0 else 0.0)
     a = abs(v)
     warm = 1.0 - np.exp(-t / p[17]) if p[17] > 0.0 else 0.0
@@ -76,6 +75,7 @@ def _friction(v, q, t, tau, p):
 
 @njit(cache=True)
 def _static(q, t, p):
+    """Return the force that depends on place and time alone, N."""
     f = p[3]
     if p[18] != 0.0:
         f += p[18] * (1.0 - np.exp(-t / p[19]))
@@ -100,6 +100,93 @@ def _stick(v, drive, level, m, h):
 
 
 @njit(cache=True)
+def _masses(p):
+    """Return both masses, kg, stiffness and damping between them, and the load's friction share."""
+    if not (p[30] > 0.0 or p[34] > 0.0):
+        return p[0], 1.0, 0.0, 0.0, 0.0
+    r = p[32]
+    m1, m2 = p[0] * (1 - r), p[0] * r
+    mu = m1 * m2 / p[0]
+    hz = p[30] if p[30] > 0.0 else p[35]
+    z = p[31] if p[30] > 0.0 else p[36]
+    k = mu * (2 * np.pi * hz) ** 2
+    return m1, m2, k, 2 * z * np.sqrt(k * mu), p[33]
+
+
+@njit(cache=True)
+def _encoder(q, noise, quantum, p):
+    """Return what the encoder reports, m."""
+    e = q
+    if p[41] != 0.0:
+        e += p[41] * np.cos(2 * np.pi * q / p[42] + p[43])
+    e += noise
+    return np.round(e / quantum) * quantum if quantum > 0.0 else e
+
+
+@njit(cache=True)
+def _pushed(line, value, first):
+    """Shift a value into a delay line; the first one fills it."""
+    for j in range(len(line) - 1, 0, -1):
+        line[j] = value if first else line[j - 1]
+    line[0] = value
+
+
+@njit(cache=True)
+def _law(law, kp, kv, taps, past, dt, ref, dref):
+    """Return the command of the control law, V: a cascade for 0, pd for 1."""
+    vel = 0.0
+    for j in range(len(taps)):
+        vel += taps[j] * (past[j] - past[j + 1]) / dt
+    if law == 0:
+        return kv * (kp * (ref - past[0]) - vel)
+    return kp * (ref - past[0]) + kv * (dref - vel)
+
+
+@njit(cache=True, inline="always")
+def _drive(tau, q, p):
+    """Return the force behind the drive's asymmetry, dead zone and ripple, N."""
+    if p[39] != 0.0:
+        tau *= 1.0 + p[39] * (1.0 if tau > 0 else -1.0)
+    if p[40] > 0.0:
+        tau = tau - p[40] if tau > p[40] else (tau + p[40] if tau < -p[40] else 0.0)
+    if p[27] != 0.0:
+        tau *= 1.0 + p[27] * np.cos(2 * np.pi * q / p[28] + p[29])
+    return tau
+
+
+@njit(cache=True)
+def _link(d, w, k, c, gap):
+    """Return the force between the masses, N, at a distance d, m, and speed w apart, m/s."""
+    g = 0.5 * gap
+    if not g > 0.0:
+        return k * d + c * w
+    f = k * (d - g) + c * w if d > g else (k * (d + g) + c * w if d < -g else 0.0)
+    return 0.0 if (d > g and f < 0.0) or (d < -g and f > 0.0) else f
+
+
+@njit(cache=True, inline="always")
+def _move(x, tau, outside, t, h, masses, p):
+    """Return the state (q1, v1, q2, v2, bristle) a step later."""
+    q1, v1, q2, v2, z = x
+    m1, m2, k, c, share = masses
+    smooth, level = _friction(v1, q1, t, tau, p)
+    drive = tau + outside - (1 - share) * smooth - _static(q1, t, p)
+    if p[7] > 0.0:  # Dahl
+        z += h * (v1 - abs(v1) * p[7] * z / max(level, 1e-12))
+        drive -= p[7] * z
+        level = 0.0
+    if k > 0.0:
+        f = _link(q1 - q2, v1 - v2, k, c, p[34])
+        smooth2, level2 = _friction(v2, q2, t, tau, p)
+        v1 = _stick(v1, drive - f, (1 - share) * level, m1, h)
+        v2 = _stick(v2, f - share * smooth2, share * level2, m2, h)
+        q2 += h * v2
+    else:
+        v1 = _stick(v1, drive, level, m1, h)
+    return q1 + h * v1, v1, q2, v2, z
+
+
+@njit(cache=True)
 def run(
     dt,
     sub,
@@ -120,94 +207,30 @@ def run(
     q0,
     out,
 ):
-    """Fill out (3, n) with encoder position, command and true position.
+    """Fill out (3, n) with encoder position, m, command, V, and true position, m.
 
-    `law` is 0 for a cascade (position gain kp, velocity gain kv) and 1 for pd.
+    `law` is 0 for a cascade (position gain kp, 1/s, velocity gain kv, V/(m/s)) and 1 for pd (kp in
+    V/m). The command is held over a sample of dt, s, which takes `sub` steps.
     """
-    n = len(q_ref)
     h = dt / sub
-    two = p[30] > 0.0 or p[34] > 0.0
-    m1, m2, k, c, share = p[0], 1.0, 0.0, 0.0, 0.0
-    if two:
-        r = p[32]
-        share = p[33]
-        m1, m2 = p[0] * (1 - r), p[0] * r
-        mu = m1 * m2 / p[0]
-        hz = p[30] if p[30] > 0.0 else p[35]
-        z = p[31] if p[30] > 0.0 else p[36]
-        k = mu * (2 * np.pi * hz) ** 2
-        c = 2 * z * np.sqrt(k * mu)
-    q1, v1, q2, v2, zz, fdrive = q0, dq_ref[0], q0, dq_ref[0], 0.0, 0.0
-    past = np.full(len(taps) + 1, q0)
-    line = np.zeros(cdelay + 1)
-    dsteps = int(round(p[38] / h))
-    buf = np.zeros(dsteps + 1)
-    at = 0
-    for i in range(n):
-        e = q1
-        if p[41] != 0.0:
-            e += p[41] * np.cos(2 * np.pi * q1 / p[42] + p[43])
-        e += noise[i]
-        if quantum > 0.0:
-            e = np.round(e / quantum) * quantum
-        for j in range(len(past) - 1, 0, -1):
-            past[j] = past[j - 1]
-        past[0] = e
+    masses = _masses(p)
+    x, lagged, at = (q0, dq_ref[0], q0, dq_ref[0], 0.0), 0.0, 0
+    past, line = np.full(len(taps) + 1, q0), np.zeros(cdelay + 1)
+    buffer = np.zeros(int(round(p[38] / h)) + 1)
+    for i in range(len(q_ref)):
+        e = _encoder(x[0], noise[i], quantum, p)
+        _pushed(past, e, False)
         if i == 0:
             for j in range(len(past)):
                 past[j] = e - j * dt * dq_ref[0]
-        vel = 0.0
-        for j in range(len(taps)):
-            vel += taps[j] * (past[j] - past[j + 1]) / dt
-        if law == 0:
-            u = kv * (kp * (q_ref[i] - e) - vel)
-        else:
-            u = kp * (q_ref[i] - e) + kv * (dq_ref[i] - vel)
-        for j in range(cdelay, 0, -1):
-            line[j] = line[j - 1]
-        line[0] = u
-        if i == 0:
-            for j in range(cdelay + 1):
-                line[j] = u
+        _pushed(line, _law(law, kp, kv, taps, past, dt, q_ref[i], dq_ref[i]), i == 0)
         u = min(max(line[cdelay], -limit), limit) + added[i]
-        out[0, i], out[1, i], out[2, i] = e, u, q1
+        out[0, i], out[1, i], out[2, i] = e, u, x[0]
         for s in range(sub):
-            t = (i + s / sub) * dt
-            buf[at] = gain * u
-            at = (at + 1) % (dsteps + 1)
-            cmd = buf[at]
-            if p[37] > 0.0:
-                fdrive += h / p[37] * (cmd - fdrive)
-            else:
-                fdrive = cmd
-            tau = fdrive
-            if p[39] != 0.0:
-                tau *= 1.0 + p[39] * (1.0 if tau > 0 else -1.0)
-            if p[40] > 0.0:
-                tau = tau - p[40] if tau > p[40] else (tau + p[40] if tau < -p[40] else 0.0)
-            if p[27] != 0.0:
-                tau *= 1.0 + p[27] * np.cos(2 * np.pi * q1 / p[28] + p[29])
-            smooth, level = _friction(v1, q1, t, tau, p)
-            drive = tau + force[i] - (1 - share) * smooth - _static(q1, t, p)
-            if p[7] > 0.0:  # Dahl
-                zz += h * (v1 - abs(v1) * p[7] * zz / max(level, 1e-12))
-                drive -= p[7] * zz
-                level = 0.0
-            if two:
-                d, w = q1 - q2, v1 - v2
-                g = 0.5 * p[34]
-                if g > 0.0:
-                    f = k * (d - g) + c * w if d > g else (k * (d + g) + c * w if d < -g else 0.0)
-                    if (d > g and f < 0.0) or (d < -g and f > 0.0):
-                        f = 0.0
-                else:
-                    f = k * d + c * w
-                smooth2, level2 = _friction(v2, q2, t, tau, p)
-                v1 = _stick(v1, drive - f, (1 - share) * level, m1, h)
-                v2 = _stick(v2, f - share * smooth2, share * level2, m2, h)
-                q2 += h * v2
-            else:
-                v1 = _stick(v1, drive, level, m1, h)
-            q1 += h * v1
-        if not np.isfinite(q1):
+            buffer[at] = gain * u
+            at = at + 1 if at + 1 < len(buffer) else 0
+            lagged = lagged + h / p[37] * (buffer[at] - lagged) if p[37] > 0.0 else buffer[at]
+            tau = _drive(lagged, x[0], p)
+            x = _move(x, tau, force[i], (i + s / sub) * dt, h, masses, p)
+        if not np.isfinite(x[0]):
             break
