@@ -146,12 +146,13 @@ def _tried(
 
 
 def _untold(best: Trial, good: list[Trial], rules: Rules) -> list[Trial]:
-    """Return the effects that the data do not tell from the best.
+    """Return the effects that the data do not tell from the best: they change the same, as well.
 
     One rival stays in doubt longer than several: the form of a law is never quite that of the
     axis, which moves a single pair of curves apart that are the same in kind; of several at once
     the better form is the likelier one.
     """
     near = [t for t in good if t is not best and t.share >= (1.0 - rules.margin) * best.share]
-    rivals = [t for t in near if best.tells(t) < rules.told]
+    twins = [t for t in near if best.overlap(t) > rules.overlap]
+    rivals = [t for t in twins if best.tells(t) < rules.told]
     return rivals if len(rivals) < 2 else [t for t in rivals if best.tells(t) < rules.several]

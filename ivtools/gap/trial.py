@@ -108,6 +108,14 @@ class Trial:
         share, t = np.min(self.shares), np.min(self.t)
         return bool(share >= bar.share and t >= bar.t and self.ratio <= bar.ratio)
 
+    def overlap(self, other: Trial) -> float:
+        """Return the correlation of what both change on held-out data; 1 for twins."""
+        cosines = []
+        for b, h, o in zip(self.before, self.held, other.held, strict=True):
+            x, y = b.e - h.e, b.e - o.e
+            cosines.append(float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300))
+        return min(cosines)
+
     def tells(self, other: Trial) -> float:
         """Return the block t value by which this effect does better on held-out data."""
         both = zip(self.held, other.held, strict=True)
