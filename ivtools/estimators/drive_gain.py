@@ -39,8 +39,8 @@ def drive_gain(
 
     solved by total least squares of unit-norm columns: the last right-singular vector. Its
     deviation is that of a jackknife over blocks of rows, which keeps the residual's
-    autocorrelation. Biased by encoder noise, which is in several columns at once: below 0.6 % of
-    the gain at 1e-6 m behind the EMPS pipeline, by a third of it at 1e-5 m.
+    autocorrelation. Biased by encoder noise, which is in several columns at once: +0.4 % of the
+    gain at 1e-6 m behind the EMPS pipeline, +40 % at 1e-5 m.
 
     With an `estimator` each record is fitted by it, at the stated gain; the true gain is the stated
     one times m over the difference of the inertias. That is unbiased where the estimator is, as

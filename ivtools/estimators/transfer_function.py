@@ -67,7 +67,9 @@ class SRIVC:
     Filters input and output by 1/A, takes the noise-free output of the last model as instruments,
     solves, repeats. Statistically efficient if the output error is white. Unbiased whatever the
     error is as long as the input does not know it; biased from command to position or velocity of
-    a closed loop, whose command carries the noise (see `CLSRIVC`).
+    a closed loop, whose command carries the noise (see `CLSRIVC`): by -1.7 % where a coloured
+    disturbance of 3 mm acts on the position of the EMPS, not visibly where an encoder's white noise
+    of 10 um does. Intervals are too narrow where noise acts on the force (they cover 60 to 80 %).
 
     Parameters
     ----------
