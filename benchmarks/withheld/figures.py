@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 
 from .calibration import Reliability, wilson
 from .effects import EFFECTS
+from .sections import named
+from .suites import LEVELS
 
 _COLOURS = {
     "right": "#1b7837",
@@ -27,7 +29,7 @@ _COLOURS = {
 
 def scores(table: pd.DataFrame) -> Figure:
     """Show the shares of every score by suite, with and without a hidden effect."""
-    group = table["suite"] + np.where(table["truth"] == "", ", nothing hidden", "")
+    group = named(table)
     shares = pd.crosstab(group, table["score"], normalize="index")
     shares = shares[[s for s in _COLOURS if s in shares]]
     counts = group.value_counts()
@@ -64,8 +66,8 @@ def matrix_of(table: pd.DataFrame) -> np.ndarray:
     """Return the counts of named, and nothing, by hidden effect, (n_effects, n_effects + 1)."""
     names = list(EFFECTS)
     matrix = np.zeros((len(names), len(names) + 1), dtype=int)
-    for truth, named in zip(table["truth"], table["named"], strict=True):
-        for name in named.split("+") if named else [None]:
+    for truth, found in zip(table["truth"], table["named"], strict=True):
+        for name in found.split("+") if found else [None]:
             matrix[names.index(truth), len(names) if name is None else names.index(name)] += 1
     return matrix
 
@@ -86,6 +88,8 @@ def power(table: pd.DataFrame) -> Figure:
     axes.plot(wrong.index, wrong, "--", color=_COLOURS["wrong"], label="wrong")
     axes.axvline(0.3, color="grey", lw=0.7)
     axes.set(xscale="log", ylim=(-0.03, 1.03))
+    axes.set_xticks(LEVELS, [f"{x:g}" for x in LEVELS])
+    axes.minorticks_off()
     axes.set(xlabel="whitened signature over the noise floor", ylabel="share named")
     axes.legend(fontsize="x-small", ncols=2)
     return figure
