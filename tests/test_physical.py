@@ -8,14 +8,8 @@ import pytest
 from ivtools import axes
 from ivtools.errors import EstimationError, MissingExtraError
 from ivtools.estimators.least_squares import IDIMLS
-from ivtools.estimators.physical import (
-    LMIIV,
-    LMILS,
-    bounds,
-    pseudo_inertia,
-    solve_lmi,
-    unphysical,
-)
+from ivtools.estimators.matrix_inequalities import pseudo_inertia, solve_lmi
+from ivtools.estimators.physical import LMIIV, LMILS, bounds, unphysical
 from ivtools.linalg import solve_iv
 from ivtools.problem import Problem
 from ivtools.record import Record

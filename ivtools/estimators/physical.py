@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.linalg import qr
 
-from ivtools.errors import EstimationError, MissingExtraError
 from ivtools.estimators.base import Estimator
-from ivtools.linalg import solve_iv
+from ivtools.estimators.matrix_inequalities import Matrices, solve_lmi
 from ivtools.results import FitResults
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
 
 Array = NDArray[np.float64]
-Matrices = Callable[[Sequence[Any]], Sequence[Any]]
-
-_ACTIVE = 1e-6  # of a constraint, relative to the deviation of its column
 
 
 @dataclass(frozen=True)
@@ -40,7 +34,7 @@ class LMILS(Estimator):
         Covariance, inequalities ignored: at an active one the error is one-sided.
     matrices : callable, optional
         Given the parameters in order (cvxpy expressions), returns symmetric matrices that have to
-        be positive semidefinite; see `pseudo_inertia`.
+        be positive semidefinite; see `matrix_inequalities.pseudo_inertia`.
     least_inertia : float
         The inertia is at least this share of the mean absolute force over the mean absolute
         acceleration: "positive" needs a number.
@@ -165,120 +159,6 @@ def bounds(problem: Problem, least_inertia: float = 1e-3) -> tuple[Array, Array]
         moved = np.mean(np.abs(problem.X[:, i]))
         lower[i] = least_inertia * np.mean(np.abs(problem.y)) / moved if moved > 0.0 else 0.0
     return lower, upper
-
-
-def solve_lmi(
-    X: Array,
-    y: Array,
-    Z: Array | None,
-    lower: Array,
-    upper: Array,
-    matrices: Matrices | None = None,
-    names: Sequence[str] | None = None,
-) -> tuple[Array, tuple[str, ...]]:
-    """Minimise norm(P (y - X theta)) under inequalities; P projects on Z (on X if Z is None).
-
-    Parameters
-    ----------
-    X, y, Z : (N, p), (N,), (N, m) or None
-        The regression.
-    lower, upper : (p,) ndarray
-        Bounds; infinite ones are none.
-    matrices : callable, optional
-        Linear matrix inequalities, see `LMILS`.
-    names : sequence of str, optional
-        Of the columns, for messages.
-
-    Returns
-    -------
-    theta : (p,) ndarray
-    active : tuple of str
-        Parameters on a bound.
-
-    Raises
-    ------
-    MissingExtraError
-        If cvxpy is not installed.
-    EstimationError
-        If no parameters respect the inequalities.
-
-    Examples
-    --------
-    >>> X, y = np.eye(3)[:, :2], np.array([1.0, -2.0, 0.0])
-    >>> theta, active = solve_lmi(X, y, None, np.zeros(2), np.full(2, np.inf), names=["a", "b"])
-    >>> theta.round(6).tolist(), active
-    ([1.0, 0.0], ('b',))
-    """
-    cvxpy = _cvxpy()
-    names = list(names or (f"theta{i}" for i in range(X.shape[1])))
-    free = solve_iv(X, y, Z, names=names)  # (p,)
-    scale = np.linalg.norm(X, axis=0)
-    Q = qr(X if Z is None else Z / np.linalg.norm(Z, axis=0), mode="economic")[0]  # (N, m)
-    A = (Q.T @ X) / scale  # (m, p): the cost is norm(A (x - x_free))
-    size = max(float(np.linalg.norm(scale * free)), 1e-300)
-    x = cvxpy.Variable(len(names))  # (theta - free) * scale / size
-    theta = [free[i] + x[i] * (size / scale[i]) for i in range(len(names))]
-    sides = [(theta[i] - b) * s * scale[i] / size
-             for s, ends in ((1.0, lower), (-1.0, upper))
-             for i, b in enumerate(ends) if np.isfinite(b)]  # fmt: skip
-    rules = [cvxpy.diag(cvxpy.hstack(sides)) >> 0] if sides else []
-    rules += [matrix >> 0 for matrix in (matrices(theta) if matrices else ())]
-    task = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(A @ x)), rules)
-    tight = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11}
-    task.solve(solver=cvxpy.CLARABEL, **tight)
-    if x.value is None:
-        raise EstimationError(f"the matrix inequalities are {task.status}: no parameters respect "
-                              "them; loosen a bound")  # fmt: skip
-    found = free + x.value * size / scale
-    reach = _ACTIVE * size / scale
-    low, high = found - lower <= reach, upper - found <= reach
-    found, active = np.where(low, lower, np.where(high, upper, found)), low | high
-    return found, tuple(name for name, on in zip(names, active, strict=True) if on)
-
-
-def _cvxpy() -> Any:
-    """Return cvxpy, or say which extra has it."""
-    try:
-        import cvxpy
-    except ImportError:
-        raise MissingExtraError("cvxpy", "methods") from None
-    return cvxpy
-
-
-def pseudo_inertia(link: Sequence[Any]) -> Any:
-    """Return the pseudo-inertia (4, 4) of a rigid link, positive semidefinite if it can exist.
-
-    Parameters
-    ----------
-    link : sequence of 10
-        m, m cx, m cy, m cz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the link frame, kg, kg m, kg m2;
-        numbers or cvxpy expressions.
-
-    Returns
-    -------
-    ndarray or cvxpy expression, (4, 4)
-
-    References
-    ----------
-    P. M. Wensing, S. Kim, J.-J. E. Slotine, "Linear matrix inequalities for physically consistent
-    inertial parameter identification", IEEE Robotics and Automation Letters 3(1), 2018.
-
-    Examples
-    --------
-    >>> ball = [1.0, 0.0, 0.0, 0.0, 0.4, 0.0, 0.0, 0.4, 0.0, 0.4]
-    >>> bool(np.linalg.eigvalsh(pseudo_inertia(ball)).min() > 0.0)
-    True
-    """
-    m, hx, hy, hz, xx, xy, xz, yy, yz, zz = link
-    rows = [
-        [0.5 * (yy + zz - xx), -xy, -xz, hx],
-        [-xy, 0.5 * (xx + zz - yy), -yz, hy],
-        [-xz, -yz, 0.5 * (xx + yy - zz), hz],
-        [hx, hy, hz, m],
-    ]
-    if all(isinstance(entry, int | float | np.floating) for entry in link):
-        return np.array(rows, dtype=float)
-    return _cvxpy().bmat(rows)
 
 
 def unphysical(results: FitResults) -> tuple[str, ...]:
