@@ -20,7 +20,12 @@ from .side import Side
 Array = NDArray[np.float64]
 
 #: Nuisance parameters that stay at their usual value.
-FIXED = ("backlash.contact_hz", "backlash.damping", "presliding.damping")
+FIXED = (
+    "backlash.load_offset",
+    "backlash.contact_hz",
+    "backlash.damping",
+    "presliding.damping",
+)
 
 _SCANNED = 8.0  # s of the record that a dense scan looks at
 _WIDE, _ROUNDS = 1.25, 4  # of the search around its best point

@@ -21,8 +21,9 @@ from .compiled import compiled, inlined
 _SWITCHES = ("own", "effects", "beyond", "two", "sign")
 OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user's own laws
 # what follows from the parameters: two inertias, the share of the friction that sits on the load,
-# stiffness, damping and gap between the masses, and the stiffness of a bristle
-_DERIVED = ("motor", "load", "share", "k", "c", "gap", "bristle")
+# what of the offset it hands back to the motor, stiffness, damping and gap between the masses, and
+# the stiffness of a bristle
+_DERIVED = ("motor", "load", "share", "shift", "k", "c", "gap", "bristle")
 _NAMES = (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN, *_DERIVED)
 # integration steps per sample, and terms of the series of a vibration
 PARAMETERS = np.dtype([(n, float) for n in _NAMES] + [("steps", np.int64), ("terms", np.int64)])
@@ -167,11 +168,12 @@ def _drag(p):
 
 @compiled
 def _joint(p, on):
-    """Return how the axis is divided: load's shares of mass and friction, Hz, damping, gap."""
+    """Return how the axis is divided: load's shares of mass, friction, offset, Hz, damping, gap."""
     if on["backlash"]:
         return (
             p["backlash.load_share"],
             p["backlash.load_friction"],
+            p["backlash.load_offset"],
             p["backlash.contact_hz"],
             p["backlash.damping"],
             p["backlash.gap"],
@@ -180,11 +182,12 @@ def _joint(p, on):
         return (
             p["flexibility.load_share"],
             p["flexibility.load_friction"],
+            p["flexibility.load_friction"],
             p["flexibility.frequency_hz"],
             p["flexibility.damping"],
             0.0,
         )
-    return 0.0, 0.0, 0.0, 0.0, 0.0
+    return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @compiled
@@ -194,8 +197,9 @@ def derive(dt, n, p, on):
     A stiffness beyond what the greatest number of steps resolves is as good as rigid, and is
     lowered to that one.
     """
-    m, (r, share, hz, zeta, gap) = p["inertia"], _joint(p, on)
+    m, (r, share, offset, hz, zeta, gap) = p["inertia"], _joint(p, on)
     p["motor"], p["load"], p["share"], p["gap"] = m * (1.0 - r), m * r, share, gap
+    p["shift"] = (share - offset) * p["offset"]
     damped, reduced = max(1.0, 2.0 * zeta), m * r * (1.0 - r)
     w = min(2.0 * np.pi * hz, _MAX_STEPS * _REACH / (damped * dt))
     p["k"], p["c"] = reduced * w * w, 2.0 * zeta * reduced * w
@@ -229,7 +233,7 @@ def motor_net(x, s, link, tau, t, p, on, user):
     A bristle takes the place of the dry friction; its damping is nothing at standstill, which is
     where this is asked with one.
     """
-    against = (1.0 - p["share"]) * resistance(x[0], x[1], s, tau, t, p, on, user)
+    against = (1.0 - p["share"]) * resistance(x[0], x[1], s, tau, t, p, on, user) + p["shift"]
     if on["presliding"]:
         against += p["bristle"] * x[4] - s * friction_level(x[0], tau, t, p, on, user)
     return tau - against - link
@@ -239,8 +243,8 @@ def motor_net(x, s, link, tau, t, p, on, user):
 def load_net(x, s, link, tau, t, p, on, user):
     """Return the net force on the load that moves in direction s, N."""
     if p["share"] > 0.0:
-        return link - p["share"] * resistance(x[2], x[3], s, tau, t, p, on, user)
-    return link
+        link -= p["share"] * resistance(x[2], x[3], s, tau, t, p, on, user)
+    return link + p["shift"]
 
 
 @inlined

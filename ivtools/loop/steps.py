@@ -158,8 +158,8 @@ def two_masses(x, mode, h, tau, rise, t, p, on, user):
     bristle = _bristle(x[0], x[1], x[4], h, tau, t, p, on, user)
     f1, f2 = _beyond_both(x, mode, tau, t, bristle, p, on, user)
     link = link_force(x, side, p)
-    a1 = w1 * (tau - link - own * (level1 + slope1 * x[1]) - f1)
-    a2 = w2 * (link - p["share"] * (level2 + slope2 * x[3]) - f2)
+    a1 = w1 * (tau - link - own * (level1 + slope1 * x[1]) - f1 - p["shift"])
+    a2 = w2 * (link - p["share"] * (level2 + slope2 * x[3]) - f2 + p["shift"])
     k, c = (p["k"], p["c"]) if side != 0.0 else (0.0, 0.0)
     y, middle = _swing(
         x,

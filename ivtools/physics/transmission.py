@@ -152,10 +152,20 @@ BACKLASH = Term(
             scale="one",
             scan=(0.5,),
         ),
+        Parameter(
+            "load_offset",
+            "1",
+            lower=0.0,
+            upper=1.0,
+            neutral=0.0,
+            scale="one",
+            scan=(0.0, 1.0),
+        ),
         Parameter("contact_hz", "Hz", lower=10.0, neutral=150.0, scale="one", scan=(150.0,)),
         Parameter("damping", "1", lower=0.0, upper=2.0, neutral=0.2, scale="one", scan=(0.2,)),
     ),
-    "two masses M (1 - r), M r that touch when |q1 - q2| > gap/2",
+    "two masses M (1 - r), M r that touch when |q1 - q2| > gap/2; an offset of the load (gravity) "
+    "preloads the gap, one of the motor (amplifier zero) does not",
     "Nordin, Gutman, Automatica 38(10), 2002",
 )
 
