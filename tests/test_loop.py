@@ -214,8 +214,22 @@ def test_a_closed_gap_is_a_spring():
     joint = {"load_share": 0.2, "load_friction": 0.4, "damping": 0.3}
     spring = axes.emps().with_effect("flexibility", frequency_hz=150.0, **joint)
     for gap, near in ((1e-7, 1e-2), (1e-10, 1e-5), (0.0, 1e-12)):
-        closed = axes.emps().with_effect("backlash", gap=gap, contact_hz=150.0, **joint)
+        alike = {**joint, "contact_hz": 150.0, "load_offset": joint["load_friction"]}
+        closed = axes.emps().with_effect("backlash", gap=gap, **alike)
         assert distance(closed, spring) <= near
+
+
+def test_only_an_offset_of_the_load_preloads_a_gap():
+    """At rest on a slope the load lies against one side: a gap shows at no small reversal."""
+    joint = {"gap": 1e-4, "load_share": 0.3, "load_friction": 0.1}
+    runs = {}
+    for offset in (0.0, 1.0):
+        loop = axes.emps().with_effect("backlash", load_offset=offset, **joint)
+        heavy = THETA | {"offset": 60.0}
+        runs[offset] = loop.simulate(RECORD, heavy).nu[:, 0]
+        free = loop.simulate(RECORD, heavy | {"backlash.gap": 0.0}).nu[:, 0]
+        runs[offset] = float(np.std(runs[offset] - free))
+    assert runs[1.0] < 0.5 * runs[0.0]
 
 
 @pytest.mark.parametrize(
