@@ -24,7 +24,7 @@ from .side import Side
 
 Array = NDArray[np.float64]
 
-_COARSE = {"backlash": 25, "flexibility": 5}
+_COARSE = {"backlash": 72, "flexibility": 5}
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,13 +22,13 @@ Array = NDArray[np.float64]
 #: Nuisance parameters that stay at their usual value.
 FIXED = (
     "backlash.load_offset",
-    "backlash.contact_hz",
     "backlash.damping",
     "presliding.damping",
 )
 
 _SCANNED = 8.0  # s of the record that a dense scan looks at
-_WIDE, _ROUNDS = 1.25, 4  # of the search around its best point
+_POLISHED = 2  # of its best points
+_WIDE, _ROUNDS = 1.25, 4  # of the search around them
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,8 +210,9 @@ def _densest(side: Side, fit: Fit, term: Term, points: list[dict[str, float]]) -
         e = part.error(loop, {**loop.values(fit.values), **named})
         return float(e @ e - np.sum((Q.T @ e) ** 2))
 
-    costs = [cost(p) for p in points]
-    return _polished(term, points[int(np.argmin(costs))], min(costs), cost)
+    costs = np.array([cost(p) for p in points])
+    ends = [_polished(term, points[i], costs[i], cost) for i in np.argsort(costs)[:_POLISHED]]
+    return min(ends, key=cost)
 
 
 def _worst(fold: Fold, e: Array) -> slice:

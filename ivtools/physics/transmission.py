@@ -150,7 +150,7 @@ BACKLASH = Term(
             upper=1.0,
             neutral=0.5,
             scale="one",
-            scan=(0.5,),
+            scan=(0.3, 0.5, 0.7),
         ),
         Parameter(
             "load_offset",
