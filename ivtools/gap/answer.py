@@ -11,6 +11,7 @@ from ..loop import ClosedLoop
 from . import advice as advices
 from . import findings, locate
 from .attribute import Attribution
+from .confidence import AT_CONTROLLER, probability
 from .diagnosis import Diagnosis, Ranked, Traces
 from .fit import Fit, gauss_newton, steps
 from .floor import Floor
@@ -90,6 +91,8 @@ def answer(
         replication=_replication(result),
         replicas=_replicas(effects, result, checked, rules),
         evidence=result.evidence,
+        probability=dict.fromkeys(at_controller, AT_CONTROLLER)
+        | {n: probability(proof) for n, proof in result.evidence.items()},
         traces=traces,
     )
 

@@ -1,4 +1,9 @@
-"""Confidence: what speaks for a name."""
+"""Confidence: what speaks for a name, and how often names with such evidence were right.
+
+The weights come from withheld effects of other seeds than those that the published proof uses
+(benchmarks/withheld/weights.py); what was hidden there is in the library, so a probability holds
+as far as the cause is one of the known effects.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +14,21 @@ import numpy as np
 
 from .fit import Fit
 from .trial import Trial
+
+#: Of a logistic regression on 257 candidates, 204 of them true.
+WEIGHTS = {
+    "constant": 0.94,
+    "share": 0.17,
+    "t": 1.45,
+    "mismatch": -1.86,
+    "rival": -1.25,
+    "part": 1.12,
+    "left": -0.13,
+}
+#: No name is surer than the 161 of 161 that the regression's best bin held can tell.
+SUREST = 0.99
+#: Of a name decided at the controller, without simulation: 40 of 40 were right.
+AT_CONTROLLER = 0.98
 
 
 @dataclass(frozen=True)
@@ -75,3 +95,21 @@ def features(proof: Evidence) -> dict[str, float]:
         "part": float(np.log(np.clip(proof.part, 1e-3, 1.0))),
         "left": float(np.log(max(proof.left, 1.0))),
     }
+
+
+def probability(proof: Evidence) -> float:
+    """Return the probability that a name, or one that it is not told from, is right.
+
+    Parameters
+    ----------
+    proof : Evidence
+
+    Examples
+    --------
+    >>> strong = Evidence(share=0.5, t=80.0, mismatch=1.02, rival=0.2, part=0.95, left=1.0)
+    >>> weak = Evidence(share=0.03, t=7.0, mismatch=1.5, rival=0.9, part=0.05, left=2.0)
+    >>> probability(strong) > 0.95 > 0.5 > probability(weak)
+    True
+    """
+    z = WEIGHTS["constant"] + sum(WEIGHTS[n] * x for n, x in features(proof).items())
+    return min(float(1.0 / (1.0 + np.exp(-z))), SUREST)

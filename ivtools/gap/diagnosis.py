@@ -130,6 +130,9 @@ class Diagnosis:
         Per named effect, whether the sides agree.
     evidence : mapping
         Per named effect behind the controller, what speaks for it.
+    probability : mapping
+        Per named effect, how likely it, or one that it is not told from, is right, as far as the
+        cause is one of the known effects.
     """
 
     verdict: str
@@ -151,6 +154,7 @@ class Diagnosis:
     replication: dict[str, tuple[float, float]] = field(default_factory=dict)
     replicas: tuple[Replica, ...] = ()
     evidence: dict[str, Evidence] = field(default_factory=dict)
+    probability: dict[str, float] = field(default_factory=dict)
     traces: Traces | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -172,6 +176,7 @@ class Diagnosis:
             "gap": {"before": _number(self.chi[0]), "after": _number(self.chi[1])},
             "replication": {k: list(v) for k, v in self.replication.items()},
             "replicates": {r.effect: r.to_dict() for r in self.replicas},
+            "probability": dict(self.probability),
             "evidence": {n: e.to_dict() for n, e in self.evidence.items()},
         }
 
@@ -196,7 +201,8 @@ class Diagnosis:
             values = ", ".join(f"{k} {v:.4g}" for k, v in self.parameters.get(effect, {}).items())
             twins = self.ambiguous_with.get(effect, [])
             other = f"; not told from {', '.join(twins)}" if twins else ""
-            lines += _wrapped(f"{effect}: {values}{other}", "  ")
+            chance = f" ({100 * self.probability[effect]:.0f} % sure)"
+            lines += _wrapped(f"{effect}{chance}: {values}{other}", "  ")
             for replica in (r for r in self.replicas if r.effect == effect):
                 lines += _wrapped(f"  {replica.short}", "    ")
         if self.block:

@@ -97,6 +97,7 @@ class Entry:
             "verdict": self.verdict,
             "effects": " ".join(self.effects),
             "ambiguous_with": json.dumps(twins) if twins else "",
+            "probability": " ".join(f"{p:.2f}" for p in content.get("probability", {}).values()),
             "block": content.get("where", {}).get("block") or "",
             "unit": s.get("unit", ""),
             "before": s.get("before"),

@@ -76,11 +76,20 @@ def _named(diagnosis: Diagnosis) -> Text:
     rows: list[Sequence[str]] = []
     for replica in diagnosis.replicas:
         twins = ", ".join(diagnosis.ambiguous_with.get(replica.effect, ())) or "-"
+        chance = f"{100 * diagnosis.probability[replica.effect]:.0f} %"
         for k, name in enumerate(replica.values):
-            first = (_REPLICATES[replica.replicates], twins) if k == 0 else ("", "")
+            first = (_REPLICATES[replica.replicates], twins, chance) if k == 0 else ("", "", "")
             label = replica.effect if k == 0 else ""
             rows.append([label, name, replica.value(name, 0), replica.value(name, 1), *first])
-    header = ["effect", "parameter", f"on {one}", f"on {two}", "replicates", "not told from"]
+    header = [
+        "effect",
+        "parameter",
+        f"on {one}",
+        f"on {two}",
+        "replicates",
+        "not told from",
+        "sure",
+    ]
     return table("What is named", [], header, rows, left=2)
 
 
