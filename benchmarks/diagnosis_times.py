@@ -44,10 +44,10 @@ def simulated(seconds: float, seed: int) -> Record:
         q.append(goal)
     smooth = np.ones(120) / 120
     q_ref = np.convolve(np.interp(t, at, q), smooth)[:n]
-    empty = Record(t, q_ref, q_ref=q_ref, nu=np.zeros(n))
+    ask = Record(t, q_ref, q_ref=q_ref, nu=q_ref)  # only its reference counts
     loop, theta = axis()
     noise = rng.normal(0.0, 0.6, n)
-    ran = loop.simulate(empty, theta, initial="rest", force_noise=noise, quantum=5e-8)
+    ran = loop.simulate(ask, theta, initial="rest", force_noise=noise, quantum=5e-8)
     return Record(t, ran.q, q_ref=q_ref, nu=ran.nu, name=f"{seconds:g} s")
 
 

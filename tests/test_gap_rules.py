@@ -1,0 +1,88 @@
+"""Which effects earn a name: what one large effect must not hide, and what is not ambiguous."""
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from ivtools.gap.confidence import Evidence, probability
+from ivtools.gap.rules import Rules
+from ivtools.record import Record
+
+DT, SECONDS = 1e-3, 16.0
+BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+
+
+def records(**effects):
+    """Return two records of an axis with these effects, in force noise of 0.6 N."""
+    loop, theta = iv.axes.emps(), dict(BASE)
+    for name, values in effects.items():
+        term = name.replace("_", "-")
+        loop = loop.with_effect(term, **values)
+        theta |= {f"{term}.{k}": v for k, v in values.items()}
+    made = []
+    for seed in (1, 2):
+        rng, n = np.random.default_rng(seed), round(SECONDS / DT)
+        t, at, q = np.arange(n) * DT, [0.0], [0.0]
+        while at[-1] < SECONDS:
+            goal, speed = rng.uniform(0.0, 0.24), rng.uniform(0.03, 0.15)
+            at.append(at[-1] + max(abs(goal - q[-1]) / speed, 0.1))
+            q.append(goal)
+        q_ref = np.convolve(np.interp(t, at, q), np.ones(100) / 100)[:n]
+        ask = Record(t, q_ref, q_ref=q_ref, nu=q_ref)  # only its reference counts
+        noise = rng.normal(0.0, 0.6, n)
+        ran = loop.simulate(ask, theta, initial="rest", force_noise=noise, quantum=5e-8)
+        made.append(Record(t, ran.q, q_ref=q_ref, nu=ran.nu, name=f"run {seed}"))
+    return made
+
+
+@pytest.fixture(scope="module")
+def lines_and_drift():
+    one, two = records(
+        cogging={"cosine": 1.5, "sine": 0.5, "period": 0.004},
+        friction_drift={"coulomb_rate": 0.06, "viscous_rate": 0.0},
+    )
+    return iv.diagnose(one, iv.axes.emps(), two)
+
+
+def test_a_small_drift_is_named_beside_strong_cogging(lines_and_drift):
+    """A line over position once passed for coloured noise, and hid whatever was smaller."""
+    assert lines_and_drift.verdict == "explained"
+    assert set(lines_and_drift.effects) == {"cogging", "friction-drift"}
+    assert lines_and_drift.parameters["cogging"]["period"] == pytest.approx(0.004, rel=1e-3)
+    rate = lines_and_drift.parameters["friction-drift"]["coulomb_rate"]
+    assert rate == pytest.approx(0.06, rel=0.15)
+
+
+def test_every_name_comes_with_a_probability(lines_and_drift):
+    found = lines_and_drift.to_dict()
+    assert set(found["probability"]) == set(found["effects"])
+    assert all(0.5 < p < 1.0 for p in found["probability"].values())
+    assert all(e["share"] > 0.0 and e["t"] > 5.0 for e in found["evidence"].values())
+
+
+def test_without_a_wrong_controller_nothing_is_put_right(lines_and_drift):
+    shrink = lines_and_drift.shrink
+    assert shrink.corrected == pytest.approx(shrink.before, rel=0.02)
+    assert shrink.after < shrink.corrected
+
+
+def test_effects_of_the_same_size_are_not_ambiguous_for_that():
+    """Asymmetric and curved friction remove as much, but not the same."""
+    one, two = records(asymmetric_viscous={"delta": -26.0}, sqrt_viscous={"force": 60.0})
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert set(gap.effects) == {"asymmetric-viscous", "sqrt-viscous"}
+    assert "sqrt-viscous" not in gap.ambiguous_with["asymmetric-viscous"]
+    assert gap.ambiguous_with["asymmetric-viscous"] == []
+
+
+def test_evidence_counts_in_the_right_direction():
+    weak = Evidence(share=0.03, t=7.0, mismatch=1.5, rival=0.9, part=0.1, left=1.5)
+    for better in ({"t": 50.0}, {"mismatch": 1.0}, {"rival": 0.0}, {"part": 0.9}, {"share": 0.5}):
+        assert probability(Evidence(**{**weak.to_dict(), **better})) > probability(weak)
+
+
+def test_every_family_has_its_bar():
+    rules = Rules()
+    assert rules.bar("backlash") is rules.reversal
+    assert rules.bar("cogging") is rules.line
+    assert rules.bar("spring") is rules.other
