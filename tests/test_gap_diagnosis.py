@@ -42,6 +42,14 @@ def test_a_known_effect_is_named(asymmetric):
     assert asymmetric.shrink.closed > 0.9
 
 
+def test_two_records_of_one_motion_show_the_floor_between_them(asymmetric):
+    """With the effect in the model nothing but the noise differs, between the runs and from it."""
+    one, two = asymmetric.floors
+    assert one.between == two.between == pytest.approx(asymmetric.shrink.after, rel=0.05)
+    assert one.level == one.between
+    assert asymmetric.shrink.floor == pytest.approx(one.between, rel=0.05)
+
+
 def test_the_json_has_the_agreed_form(asymmetric):
     found = json.loads(json.dumps(asymmetric.to_dict()))
     assert found["verdict"] in VERDICTS

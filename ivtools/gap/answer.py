@@ -137,7 +137,7 @@ def _reachable(level: Floor, after: Fit) -> float:
     """
     e = after.fold.force_error(after.loop, after.values)[after.fold.keep]
     left = float(np.sqrt(np.mean(e**2)))
-    limit = min(x for x in (level.noise, level.passes, left) if x is not None)
+    limit = min(level.level, left)
     return limit + (left - limit) * float(np.clip((1.15 - after.cost) / 0.1, 0.0, 1.0))
 
 

@@ -45,6 +45,8 @@ class Floor:
         Period of the reference, s.
     passes : float or None
         Rms of the pass-to-pass difference over sqrt(2), N or N m.
+    between : float or None
+        The same between two records of one reference and the same known inputs.
     events : tuple of (float, float)
         Start and end, s, of stretches that no law of the state explains.
     event_mask : ndarray of bool, (n_samples,)
@@ -57,6 +59,14 @@ class Floor:
     passes: float | None
     events: tuple[tuple[float, float], ...]
     event_mask: Mask
+    between: float | None = None
+
+    @property
+    def level(self) -> float:
+        """The floor, N or N m: between records where there are such, else the lowest within."""
+        if self.between is not None:
+            return self.between
+        return self.noise if self.passes is None else min(self.noise, self.passes)
 
 
 def measure(fit: Fit, response: Response, raw: Array) -> Floor:
@@ -245,8 +255,32 @@ def _passes(raw: Array, keep: Mask, period: float | None, dt: float) -> float | 
     if period is None:
         return None
     lag = round(period / dt)
-    both = keep[lag:] & keep[:-lag]
-    difference = (raw[lag:] - raw[:-lag])[both]
+    return _difference(raw[lag:], raw[:-lag], keep[lag:] & keep[:-lag])
+
+
+def between(one: Fit, two: Fit) -> float | None:
+    """Return the difference of the force errors of two records of the same motion, over sqrt(2).
+
+    None if reference, known inputs or length differ.
+    """
+    a, b = one.fold, two.fold
+    if not _same(a.record, b.record):
+        return None
+    errors = [f.fold.force_error(f.loop, f.values) for f in (one, two)]
+    return _difference(errors[0], errors[1], a.keep & b.keep)
+
+
+def _same(one: Record, two: Record) -> bool:
+    if one.n_samples != two.n_samples:
+        return False
+    pairs = [(one.q_ref, two.q_ref), (one.added, two.added)]
+    filled = [[np.zeros(1) if x is None else x for x in pair] for pair in pairs]
+    return all(bool(np.max(np.abs(x - y)) <= 1e-9 * np.max(np.abs(x))) for x, y in filled)
+
+
+def _difference(x: Array, y: Array, keep: Mask) -> float | None:
+    """Return the rms of a detrended difference over sqrt(2); None if it is too short."""
+    difference = (x - y)[keep]
     if len(difference) < 100:
         return None
     return float(np.std(signal.detrend(difference)) / np.sqrt(2.0))

@@ -117,6 +117,8 @@ def _diagnose(
         return _refused(record, loop, checked, [*found, findings.Finding(str(error))])
     if holdout is not None:
         found += pair.same_axis([m.base for m in measured])
+        level = floor.between(*(m.base for m in measured))
+        measured = tuple(replace(m, floor=replace(m.floor, between=level)) for m in measured)
     if any(f.fatal for f in found):
         return _refused(record, loop, checked, found)
     if any(p.clipped > findings.SATURATED for p in checked):
