@@ -50,8 +50,10 @@ def short_record(model: str, noisy: bool = False) -> Record:
     twin = iv.datasets.twin().slice(0, 8000)
     rng, n = np.random.default_rng(5), 8000
     noise = {"position_noise": rng.normal(0, 1e-6, n), "force_noise": rng.normal(0, 1.0, n)}
-    simulation = iv.axes.emps().with_terms(*TERMS[model]).simulate(
-        twin, MODELS[model], initial="rest", **(noise if noisy else {})
+    simulation = (
+        iv.axes.emps()
+        .with_terms(*TERMS[model])
+        .simulate(twin, MODELS[model], initial="rest", **(noise if noisy else {}))
     )
     return Record(twin.t, simulation.q, q_ref=twin.q_ref, nu=simulation.nu)
 
