@@ -125,6 +125,9 @@ def _rms(
         scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
         move = np.linalg.lstsq(J / scale, -e, rcond=1e-8)[0] / scale
         trial = {**values, **{n: values[n] + m for n, m in zip(BASE, move, strict=True)}}
+        trial["inertia"] = float(
+            np.clip(trial["inertia"], values["inertia"] / 3, values["inertia"] * 3)
+        )
         new = errors(trial)
         if not np.sum(white(new) ** 2) < np.sum(e**2):
             break

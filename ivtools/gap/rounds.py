@@ -16,6 +16,7 @@ from .screen import Score, screen
 from .side import Side
 from .trial import Trial, attempt
 
+_CLEAN = 1.05  # whitened energy over the floor at which nothing is left
 _FAR = 0.35  # of the best share: an effect whose screening is below is not its rival
 _ROUGH = 0.1  # share of a record that smooth laws do not explain
 
@@ -150,9 +151,14 @@ def _untold(best: Trial, good: list[Trial], rules: Rules) -> list[Trial]:
 
     One rival stays in doubt longer than several: the form of a law is never quite that of the
     axis, which moves a single pair of curves apart that are the same in kind; of several at once
-    the better form is the likelier one.
+    the better form is the likelier one. Where a gap is left beside them all, whatever makes it may
+    decide between them, and the margin is wider.
     """
-    near = [t for t in good if t is not best and t.share >= (1.0 - rules.margin) * best.share]
+    clean = cost(best.held) < _CLEAN
+    least = (1.0 - (rules.margin if clean else rules.doubt)) * best.share
+    near = [t for t in good if t is not best and t.share >= least]
     twins = [t for t in near if best.overlap(t) > rules.overlap]
     rivals = [t for t in twins if best.tells(t) < rules.told]
-    return rivals if len(rivals) < 2 else [t for t in rivals if best.tells(t) < rules.several]
+    if len(rivals) < 2 or not clean:
+        return rivals
+    return [t for t in rivals if best.tells(t) < rules.several]

@@ -57,7 +57,9 @@ class Rules:
     sure : Bar
         An effect that is as steady as this needs a smaller share.
     margin : float
-        Effects within this fraction of the best,
+        Effects within this fraction of the best, or within
+    doubt : float
+        this one where a gap is left beside them,
     overlap : float
         which change the error in a way this much correlated, are not told from it, unless
     told : float
@@ -81,6 +83,7 @@ class Rules:
     other: Bar = Bar(0.02, 6.5, 1.67)
     sure: Bar = Bar(0.012, 20.0, 1.25)
     margin: float = 0.12
+    doubt: float = 0.25
     overlap: float = 0.6
     told: float = 4.0
     several: float = 2.3
