@@ -11,7 +11,7 @@ from ..loop import ClosedLoop
 from .candidates import PERIODIC
 from .parity import Parity
 from .rules import Rules
-from .trial import FIXED
+from .starts import FIXED
 
 Pair = tuple[float | None, float | None]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,25 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics import Term
-from .candidates import DENSE, PERIODIC, scans
+from .candidates import DENSE, PERIODIC
 from .fit import Fit, gauss_newton, steps
-from .fold import Fold
 from .rules import Bar, Rules
 from .screen import Score
 from .side import Side
+from .starts import FIXED, starts
 
 Array = NDArray[np.float64]
-
-#: Nuisance parameters that stay at their usual value.
-FIXED = (
-    "backlash.load_offset",
-    "backlash.damping",
-    "presliding.damping",
-)
-
-_SCANNED = 8.0  # s of the record that a dense scan looks at
-_POLISHED = 2  # of its best points
-_WIDE, _ROUNDS = 1.25, 4  # of the search around them
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +31,8 @@ class Trial:
         On each fold.
     held : tuple of Fit
         On each fold, with the effects of the other one frozen.
-    before : tuple of Fit
-        Held fits of the model without the effect.
+    own_before, before : tuple of Fit
+        The same without the effect.
     """
 
     term: Term
@@ -164,7 +153,7 @@ def _phase(name: str) -> bool:
 def _extended(side: Side, fit: Fit, score: Score) -> Fit:
     """Fit the model with one more effect, from its best starting values."""
     best: Fit | None = None
-    for values in _starts(side, fit, score):
+    for values in starts(side, fit, score):
         loop = fit.loop.with_effect(score.term, **values)
         free = _free(fit, score.term, values)
         new = gauss_newton(
@@ -180,66 +169,6 @@ def _free(fit: Fit, term: Term, values: Mapping[str, float]) -> list[str]:
     if term.name == "drive-timing":  # twins: one of the two is enough
         own = [n for n in own if values[n.partition(".")[2]] != 0.0]
     return [*fit.free, *own]
-
-
-def _starts(side: Side, fit: Fit, score: Score) -> list[dict[str, float]]:
-    """Return starting values; the multimodal effects get a dense scan."""
-    if score.term.name in DENSE:
-        return [_densest(side, fit, score.term, list(scans(score.term, side.scales)))]
-    if score.term.name == "drive-timing":
-        dt = side.fold.record.dt
-        return [{"delay": 0.5 * dt, "lag": 0.0}, {"delay": 0.0, "lag": 0.5 * dt}]
-    return [score.start]
-
-
-def _densest(side: Side, fit: Fit, term: Term, points: list[dict[str, float]]) -> dict[str, float]:
-    """Return the point of a scan with the least error, polished by a search around it.
-
-    The valley of a backlash is too narrow for gradients, and as narrow in a part of the record as
-    in all of it: the stretch with the largest error is enough for the scan.
-    """
-    rows = _worst(side.fold, fit.e)
-    part = side.fold.stretch(rows.start, rows.stop)
-    J = fit.J[rows.start - np.sum(~side.fold.keep[: rows.start]) :][: part.n_kept]
-    Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0]
-    loop = fit.loop.with_effect(term, **points[0])
-
-    def cost(point: dict[str, float]) -> float:
-        """Return the cost after a linear step of the base."""
-        named = {f"{term.name}.{k}": v for k, v in point.items()}
-        e = part.error(loop, {**loop.values(fit.values), **named})
-        return float(e @ e - np.sum((Q.T @ e) ** 2))
-
-    costs = np.array([cost(p) for p in points])
-    ends = [_polished(term, points[i], costs[i], cost) for i in np.argsort(costs)[:_POLISHED]]
-    return min(ends, key=cost)
-
-
-def _worst(fold: Fold, e: Array) -> slice:
-    """Return the stretch of the record with the largest energy of the error."""
-    n = min(round(_SCANNED / fold.record.dt), fold.record.n_samples)
-    energy = np.zeros(fold.record.n_samples + 1)
-    energy[1:][fold.keep] = e**2
-    energy = np.cumsum(energy)
-    start = int(np.argmax(energy[n:] - energy[:-n]))
-    return slice(start, start + n)
-
-
-def _polished(
-    term: Term, point: dict[str, float], least: float, cost: Callable[[dict[str, float]], float]
-) -> dict[str, float]:
-    """Return the point moved along one parameter at a time as long as the cost falls."""
-    moving = [p for p in term.parameters if f"{term.name}.{p.name}" not in FIXED]
-    size = 1.0
-    for _ in range(_ROUNDS):
-        before = least
-        for p, factor in ((p, f) for p in moving for f in (_WIDE**size, _WIDE**-size)):
-            near = {**point, p.name: float(np.clip(point[p.name] * factor, p.lower, p.upper))}
-            new = cost(near)
-            if new < least:
-                point, least = near, new
-        size *= 0.5 if least == before else 1.0
-    return point
 
 
 def _t(sums: Array) -> float:
