@@ -58,13 +58,15 @@ def candidates(task: Task) -> list[dict[str, Any]]:
 
 def _rows(task: Task, found: Any) -> Iterator[dict[str, Any]]:
     from ivtools.gap.confidence import evidence
+    from ivtools.gap.rounds import cost
 
     for r in found.rounds:
         if not r.trials:
             continue
         best = r.best or max(r.trials, key=lambda t: t.share)
-        others = [t for t in r.trials if t is not best and t not in r.rivals]
-        names = {best.name, *(t.name for t in r.rivals)}
+        rivals = r.rivals(found.rules, cost(found.held))
+        others = [t for t in r.trials if t is not best and t not in rivals]
+        names = {best.name, *(t.name for t in rivals)}
         proof = evidence(best, others, found.base).to_dict()
         right = bool(names & {*task.effects})
         yield {"key": task.key, "named": r.best is not None, "right": right, **proof}

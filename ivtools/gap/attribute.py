@@ -17,7 +17,7 @@ from ..physics import Term
 from .candidates import library
 from .confidence import Evidence, evidence
 from .fit import Fit, gauss_newton, steps
-from .rounds import Round, play
+from .rounds import Round, cost, play
 from .rules import Rules
 from .side import Side
 from .trial import Trial, frozen
@@ -38,6 +38,7 @@ class Attribution:
     held : tuple of Fit
         On each fold, with the effects as the other fold has them.
     named : tuple of str
+    rules : Rules
     rounds : tuple of Round
         The forward selection; the first names nothing if there is nothing to name.
     """
@@ -46,6 +47,7 @@ class Attribution:
     fits: tuple[Fit, ...]
     held: tuple[Fit, ...]
     named: tuple[str, ...]
+    rules: Rules
     rounds: tuple[Round, ...] = ()
 
     @property
@@ -68,14 +70,20 @@ class Attribution:
     def ambiguous(self) -> dict[str, list[str]]:
         """Per named effect, those that the data cannot tell from it."""
         return {
-            name: [t.name for t in r.rivals if t.name not in self.named]
+            name: [t.name for t in self._rivals(r) if t.name not in self.named]
             for name, (r, _) in self._winners.items()
         }
+
+    def _rivals(self, r: Round) -> tuple[Trial, ...]:
+        return r.rivals(self.rules, cost(self.held))
 
     @property
     def evidence(self) -> dict[str, Evidence]:
         """Per named effect, what speaks for it."""
-        return {n: evidence(b, r.told, self.base) for n, (r, b) in self._winners.items()}
+        return {
+            n: evidence(b, [t for t in r.trials if t not in (b, *self._rivals(r))], self.base)
+            for n, (r, b) in self._winners.items()
+        }
 
     @property
     def pvalues(self) -> dict[str, float]:
@@ -114,7 +122,7 @@ def attribute(
         best.append(winner)
     fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
     kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
-    return Attribution(base, fits, held, tuple(kept), tuple(rounds))
+    return Attribution(base, fits, held, tuple(kept), rules, tuple(rounds))
 
 
 def _backward(

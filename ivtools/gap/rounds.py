@@ -31,21 +31,43 @@ class Round:
         Share of each effect in the screening, mean of the folds, largest first.
     trials : tuple of Trial
         Everything that was fitted.
-    best : Trial or None
-        What earns a name.
-    rivals : tuple of Trial
-        What the data cannot tell from it.
+    good : tuple of Trial
+        What would earn a name; the largest share gets it.
     """
 
     shares: dict[str, float]
     trials: tuple[Trial, ...]
-    best: Trial | None = None
-    rivals: tuple[Trial, ...] = ()
+    good: tuple[Trial, ...] = ()
 
     @property
-    def told(self) -> tuple[Trial, ...]:
-        """What was fitted and can be told from the best."""
-        return tuple(t for t in self.trials if t is not self.best and t not in self.rivals)
+    def best(self) -> Trial | None:
+        """What earns a name."""
+        return max(self.good, key=lambda t: t.share, default=None)
+
+    def rivals(self, rules: Rules, left: float) -> tuple[Trial, ...]:
+        """Return what the data do not tell from the best: effects that change the same, as well.
+
+        One rival stays in doubt longer than several: the form of a law is never quite that of the
+        axis, which moves a single pair of curves apart that are the same in kind; of several at
+        once the better form is the likelier one. Where a gap is left in the end, whatever makes
+        it may decide between them, and the margin is wider.
+
+        Parameters
+        ----------
+        rules : Rules
+        left : float
+            Whitened energy that all named effects leave; 1 is the floor.
+        """
+        best, clean = self.best, left < _CLEAN
+        if best is None:
+            return ()
+        least = (1.0 - (rules.margin if clean else rules.doubt)) * best.share
+        near = [t for t in self.good if t is not best and t.share >= least]
+        twins = [t for t in near if best.overlap(t) > rules.overlap]
+        rivals = tuple(t for t in twins if best.tells(t) < rules.told)
+        if len(rivals) < 2 or not clean:
+            return rivals
+        return tuple(t for t in rivals if best.tells(t) < rules.several)
 
     def alike(self, least: float) -> set[str]:
         """Return the effects that remove at least this part of what the best one removes."""
@@ -84,11 +106,8 @@ def play(
     trials = tuple(_tried(sides, fits, held, found, rules, gains))
     alike = set().union(*(r.alike(rules.alike) for r in rounds))
     least = rules.further * max(cost(base) - 1.0, 0.0)
-    good = [t for t in trials if t.passes(rules) and (t.name not in alike or t.gain > least)]
-    if not good:
-        return Round(_shares(found), trials)
-    best = max(good, key=lambda t: t.share)
-    return Round(_shares(found), trials, best, tuple(_untold(best, good, rules)))
+    good = (t for t in trials if t.passes(rules) and (t.name not in alike or t.gain > least))
+    return Round(_shares(found), trials, tuple(good))
 
 
 def cost(fits: tuple[Fit, ...]) -> float:
@@ -144,21 +163,3 @@ def _tried(
         hopeless = {n for n, gain in gains.items() if gain < rules.rest * (left - 1.0)}
         fit([n for n in DENSE if n in shares and n not in chosen and n not in hopeless])
     return tried
-
-
-def _untold(best: Trial, good: list[Trial], rules: Rules) -> list[Trial]:
-    """Return the effects that the data do not tell from the best: they change the same, as well.
-
-    One rival stays in doubt longer than several: the form of a law is never quite that of the
-    axis, which moves a single pair of curves apart that are the same in kind; of several at once
-    the better form is the likelier one. Where a gap is left beside them all, whatever makes it may
-    decide between them, and the margin is wider.
-    """
-    clean = cost(best.held) < _CLEAN
-    least = (1.0 - (rules.margin if clean else rules.doubt)) * best.share
-    near = [t for t in good if t is not best and t.share >= least]
-    twins = [t for t in near if best.overlap(t) > rules.overlap]
-    rivals = [t for t in twins if best.tells(t) < rules.told]
-    if len(rivals) < 2 or not clean:
-        return rivals
-    return [t for t in rivals if best.tells(t) < rules.several]
