@@ -61,7 +61,7 @@ def answer(
     after = [h.cost for h in result.held]
     at_controller, values = _controller_effects(checked)
     effects = (*at_controller, *result.named)
-    shrink, traces = _how_far(declared, measured, result, held_out, bool(at_controller))
+    shrink, traces = _how_far(declared, measured, result, held_out)
     energy = max(float(np.mean(before)) - 1.0, 1e-9)
     closed = (float(np.mean(before)) - float(np.mean(after))) / energy
     verdict = _verdict(effects, measured, result, closed)
@@ -110,12 +110,11 @@ def _declared(loop: ClosedLoop, measured: tuple[Measured, ...]) -> Fit:
 
 
 def _how_far(
-    declared: Fit, measured: tuple[Measured, ...], result: Attribution, held_out: bool, wrong: bool
+    declared: Fit, measured: tuple[Measured, ...], result: Attribution, held_out: bool
 ) -> tuple[Shrink, Traces]:
     after = result.held[-1]
     before = replace(declared, fold=replace(declared.fold, keep=after.fold.keep))
-    values = {**result.fits[0].values}
-    still = replace(after, values=values)
+    still = replace(after, values=result.fits[0].values)
     level = measured[-1].floor
     shrink = quantify(before, result.base[-1], after, still, _reachable(level, after), held_out)
     record = after.fold.record

@@ -8,6 +8,7 @@ blocks, and does there nearly what its own fit would do: an effect that replicat
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,13 +61,13 @@ class Attribution:
         """Share of every effect in the first screening, mean of the folds."""
         return self.rounds[0].shares if self.rounds else {}
 
-    @property
+    @cached_property
     def _winners(self) -> dict[str, tuple[Round, Trial]]:
         """Round and trial of every effect that is named."""
         pairs = ((r, r.best) for r in self.rounds if r.best is not None)
         return {best.name: (r, best) for r, best in pairs if best.name in self.named}
 
-    @property
+    @cached_property
     def ambiguous(self) -> dict[str, list[str]]:
         """Per named effect, those that the data cannot tell from it."""
         return {
@@ -77,7 +78,7 @@ class Attribution:
     def _rivals(self, r: Round) -> tuple[Trial, ...]:
         return r.rivals(self.rules, cost(self.held))
 
-    @property
+    @cached_property
     def evidence(self) -> dict[str, Evidence]:
         """Per named effect, what speaks for it."""
         return {
@@ -85,7 +86,7 @@ class Attribution:
             for n, (r, b) in self._winners.items()
         }
 
-    @property
+    @cached_property
     def pvalues(self) -> dict[str, float]:
         """Of no gain on held-out data, corrected for everything tried in the first round."""
         return _pvalues(self.trials)

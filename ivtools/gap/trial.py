@@ -31,14 +31,13 @@ class Trial:
         On each fold.
     held : tuple of Fit
         On each fold, with the effects of the other one frozen.
-    own_before, before : tuple of Fit
-        The same without the effect.
+    before : tuple of Fit
+        Held fits of the model without the effect.
     """
 
     term: Term
     fits: tuple[Fit, ...]
     held: tuple[Fit, ...]
-    own_before: tuple[Fit, ...]
     before: tuple[Fit, ...]
 
     @property
@@ -51,13 +50,6 @@ class Trial:
         """Share of the energy removed on held-out data, per fold."""
         return np.array(
             [1.0 - h.cost / b.cost for h, b in zip(self.held, self.before, strict=True)]
-        )
-
-    @property
-    def own(self) -> Array:
-        """Share of the energy removed where it was fitted, per fold."""
-        return np.array(
-            [1.0 - f.cost / b.cost for f, b in zip(self.fits, self.own_before, strict=True)]
         )
 
     @property
@@ -123,7 +115,7 @@ def attempt(
     new = tuple(_extended(s, f, score) for s, f, score in zip(sides, fits, scores, strict=True))
     if scores[0].term.name in DENSE:  # either side may have found the deeper valley
         new = (_deeper(sides[0], *new), _deeper(sides[1], *new[::-1]))
-    return Trial(scores[0].term, new, frozen(sides, new), fits, before)
+    return Trial(scores[0].term, new, frozen(sides, new), before)
 
 
 def _deeper(side: Side, own: Fit, other: Fit) -> Fit:

@@ -210,11 +210,6 @@ class Controller:
         settings = {**self.settings, "velocity_filter": self.velocity_filter}
         return KINDS[self.kind].law(settings, dt)
 
-    @property
-    def position_gain(self) -> str:
-        """Name of the setting that scales the whole position loop."""
-        return KINDS[self.kind].needs[0]
-
     def with_mismatch(self, kp: float, kv: float, velocity_filter: float) -> Controller:
         """Return this controller with relative errors of its settings.
 
