@@ -6,6 +6,7 @@ import pytest
 import ivtools as iv
 from ivtools.gap.confidence import Evidence, probability
 from ivtools.gap.rules import Rules
+from ivtools.physics import EFFECTS
 from ivtools.record import Record
 
 DT, SECONDS = 1e-3, 16.0
@@ -83,6 +84,6 @@ def test_evidence_counts_in_the_right_direction():
 
 def test_every_family_has_its_bar():
     rules = Rules()
-    assert rules.bar("backlash") is rules.reversal
-    assert rules.bar("cogging") is rules.line
-    assert rules.bar("spring") is rules.other
+    assert rules.bar(EFFECTS["backlash"]) is rules.everywhere
+    assert rules.bar(EFFECTS["cogging"]) is rules.line
+    assert rules.bar(EFFECTS["spring"]) is rules.other

@@ -1,11 +1,11 @@
 """The true held-out figure of a diagnosis, which only the generator can give.
 
-The hold-out experiment is run again five times with fresh noise: same axis, motion, known inputs,
+The hold-out experiment is run again twelve times with fresh noise: same axis, motion, known inputs,
 hidden effects and background. On each of these records the diagnosed loop is simulated as the
 diagnosis does it on its own hold-out: effects frozen at the values in `theta`, the four base
 parameters tuned again on the record's whitened command error (by the whitener of the diagnosis's
 floor, over the samples it kept), then the rms of the plain force error over these samples. The mean
-square of the five is the true held-out error, to a few per cent; a stated 95 % interval of `after`
+square of the twelve is the true held-out error, to a per cent; a stated 95 % interval of `after`
 should hold it in 95 cases of 100. The floor is what the noise alone does to the command: the rms
 difference, as force, between the noisy hold-out and the same run without random force, encoder
 noise and quantisation. No model can do better on average.
@@ -63,7 +63,7 @@ class Truth:
         return {**figures, "floor": self.floor, "closed": self.closed}
 
 
-def measure(case: Case, gap: Diagnosis, loop: ClosedLoop, count: int = 5) -> Truth | None:
+def measure(case: Case, gap: Diagnosis, loop: ClosedLoop, count: int = 12) -> Truth | None:
     """Return the true held-out figures; None if the diagnosis compared nothing."""
     import ivtools as iv
 

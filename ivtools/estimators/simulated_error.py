@@ -65,7 +65,8 @@ class SimulatedError(Estimator):
     signal : {"force", "position", "velocity"}
         What is compared.
     parameters : tuple of str, optional
-        What is estimated; default: every parameter of the loop. The others keep their values.
+        What is estimated; default: every parameter of the loop but the nuisances of its effects.
+        The others keep their values.
     start : {"axis", "ls"} or mapping
         Starting values of what the force is linear in; a few input-error steps with scaled gain
         precede the search.
@@ -108,7 +109,8 @@ class SimulatedError(Estimator):
 
     def estimate(self, problem: Problem) -> FitResults:
         """Minimise the norm of y (N,) - y_s(theta) (N,) from each starting point."""
-        free = tuple(problem.loop.parameters) if self.parameters is None else self.parameters
+        known = problem.loop.parameters
+        free = self.parameters or tuple(n for n, p in known.items() if not p.nuisance)
         points, spent = self._starting_points(problem, free)
         compared = self.compared(problem)
         found = [self._search(compared, free, point) for point in points]

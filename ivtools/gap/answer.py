@@ -15,6 +15,7 @@ from .confidence import AT_CONTROLLER, probability
 from .diagnosis import Diagnosis, Ranked, Traces
 from .fit import Fit, gauss_newton, steps
 from .floor import Floor
+from .fold import Fold
 from .parity import Parity
 from .quantify import Shrink, quantify
 from .replica import Replica, replicas
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 _CLOSED = 0.8  # share of the reducible energy beyond which the gap is explained
 _MOVED = 1.5  # frozen over re-tuned energy that speaks of a changed setting
 _STEADY = 1.3  # most that smooth laws of the state leave where a gap is repeatable
+_BEYOND = 0.03  # share of a record beyond the other one's stroke that is worth a remark
 _FEW, _SHORT = 5, 0.25  # stretches of a record, and its share, that an outside force may take
 
 
@@ -38,6 +40,11 @@ class Measured:
     floor: Floor
     parity: Parity
 
+    @property
+    def fold(self) -> Fold:
+        """What is compared of the record."""
+        return self.side.fold
+
 
 def local(level: Floor) -> bool:
     """Whether few stretches stand out: events, not a way of the model to be wrong."""
@@ -49,7 +56,7 @@ def answer(
     loop: ClosedLoop,
     measured: tuple[Measured, ...],
     result: Attribution,
-    sides: tuple[Side, ...],
+    judge: Fold,
     rules: Rules,
     found: list[findings.Finding],
     held_out: bool,
@@ -61,11 +68,10 @@ def answer(
     after = [h.cost for h in result.held]
     at_controller, values = _controller_effects(checked)
     effects = (*at_controller, *result.named)
-    shrink, traces = _how_far(declared, measured, result, held_out)
+    shrink, traces = _how_far(declared, measured, result, judge, held_out)
     energy = max(float(np.mean(before)) - 1.0, 1e-9)
     closed = (float(np.mean(before)) - float(np.mean(after))) / energy
     verdict = _verdict(effects, measured, result, closed)
-    judge = sides[-1].fold
     return Diagnosis(
         verdict=verdict,
         effects=effects,
@@ -110,22 +116,25 @@ def _declared(loop: ClosedLoop, measured: tuple[Measured, ...]) -> Fit:
 
 
 def _how_far(
-    declared: Fit, measured: tuple[Measured, ...], result: Attribution, held_out: bool
+    declared: Fit,
+    measured: tuple[Measured, ...],
+    result: Attribution,
+    judge: Fold,
+    held_out: bool,
 ) -> tuple[Shrink, Traces]:
-    after = result.held[-1]
-    before = replace(declared, fold=replace(declared.fold, keep=after.fold.keep))
+    after = replace(result.held[-1], fold=judge)
+    before = replace(declared, fold=replace(declared.fold, keep=judge.keep))
     still = replace(after, values=result.fits[0].values)
     level = measured[-1].floor
-    shrink = quantify(before, result.base[-1], after, still, _reachable(level, after), held_out)
-    record = after.fold.record
+    corrected = replace(result.base[-1], fold=judge)
+    shrink = quantify(before, corrected, after, still, _reachable(level, after), held_out)
+    record = judge.record
     e0, e1 = (
         before.fold.force_error(before.loop, before.values),
         after.fold.force_error(after.loop, after.values),
     )
     force = after.loop.force(record)[:, 0]
-    return shrink, Traces(
-        record, after.fold.keep, force, e0, e1, _spectra(record.dt, e0, e1, level)
-    )
+    return shrink, Traces(record, judge.keep, force, e0, e1, _spectra(record.dt, e0, e1, level))
 
 
 def _reachable(level: Floor, after: Fit) -> float:
@@ -248,8 +257,14 @@ def _remarks(
     loop: ClosedLoop, measured: tuple[Measured, ...], result: Attribution, held_out: bool
 ) -> list[str]:
     lines = []
-    for m in measured:
-        p, name = m.parity, m.side.fold.record.name
+    for m, compared in zip(measured, result.base, strict=False):
+        p, name = m.parity, m.fold.record.name
+        beyond = 1.0 - compared.fold.n_kept / m.fold.n_kept
+        if held_out and not local(m.floor) and beyond > _BEYOND:
+            lines.append(
+                f"{name}: {100 * beyond:.0f} % of it lies where the other record has not been; "
+                "effects are named from the rest"
+            )
         if _delayed(loop, p):
             lines.append(
                 f"{name}: the recorded command follows the measured position by {p.delay} samples, "

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import qmc
 
 from ..loop import ClosedLoop
-from ..physics import EFFECTS, Parameter, Term
+from ..physics import EFFECTS, Term
 from ..record import Record
 
 Array = NDArray[np.float64]
-
-#: Effects decided at the controller, or seen in time: not fitted by simulation.
-ELSEWHERE = ("saturation", "controller-mismatch", "disturbance")
-#: Effects with a second mass: many local minima, which take a dense scan; a loop has one of them.
-DENSE = ("flexibility", "backlash")
-#: Effects that nothing in this kind of record can separate share a name.
-PERIODIC = ("cogging", "torque-ripple", "encoder-eccentricity")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,28 +70,82 @@ class Scales:
         return self.sizes["force"] / rms if rms > 0.0 else self.sizes["force"]
 
 
+@dataclass(frozen=True, eq=False)
+class Box:
+    """What the starting values of an effect span: the unit cube, stretched.
+
+    A side goes from the least to the largest of them, in logarithms unless it begins at zero; of a
+    nuisance the values themselves are the choice.
+    """
+
+    term: Term
+    scales: Scales
+
+    @cached_property
+    def _sides(self) -> dict[str, Callable[[float], float]]:
+        """What makes a value of a number between 0 and 1, by short name."""
+        nuisances = {p.name for p in self.term.parameters if p.nuisance}
+        grids = _grids(self.term, self.scales).items()
+        return {n: _choice(g) if n in nuisances else _span(g) for n, g in grids if len(g) > 1}
+
+    @property
+    def dimensions(self) -> int:
+        """Number of sides."""
+        return len(self._sides)
+
+    def point(self, x: Array) -> dict[str, float]:
+        """Return the parameters at a point of the unit cube, (dimensions,)."""
+        moved = {n: side(u) for (n, side), u in zip(self._sides.items(), x.tolist(), strict=True)}
+        return {n: moved.get(n, g[0]) for n, g in _grids(self.term, self.scales).items()}
+
+    def points(self, power: int) -> list[dict[str, float]]:
+        """Return 2^power points that fill the box evenly."""
+        return [self.point(x) for x in qmc.Sobol(self.dimensions, rng=1).random_base2(power)]
+
+
+def _choice(grid: list[float]) -> Callable[[float], float]:
+    return lambda u: grid[min(int(u * len(grid)), len(grid) - 1)]
+
+
+def _span(grid: list[float]) -> Callable[[float], float]:
+    low, high = min(grid), max(grid)
+    if low > 0.0:
+        return lambda u: low * (high / low) ** u
+    return lambda u: low + u * (high - low)
+
+
 def library(
     loop: ClosedLoop, extra: tuple[Term, ...] = (), without: tuple[str, ...] = ()
 ) -> list[Term]:
     """Return the effects that a diagnosis tries on a loop."""
     present = {term.name for term in loop.terms}
-    if "asymmetric-friction" in present:
-        present.add("asymmetric-viscous")
-    if present & {*DENSE}:
-        present |= {*DENSE}
-    terms = [*EFFECTS.values(), *extra]
-    return [t for t in terms if t.name not in present and t.name not in (*ELSEWHERE, *without)]
+    taken = {term.slot for term in loop.terms if term.slot}
+    return [
+        t
+        for t in (*EFFECTS.values(), *extra)
+        if t.name not in present
+        and t.name not in without
+        and t.slot not in taken
+        and t.search != "elsewhere"
+    ]
 
 
-def scans(term: Term, scales: Scales, limit: int = 400) -> Iterator[dict[str, float]]:
-    """Yield starting values of the parameters the force is not linear in, by short name."""
-    shapes = [p for p in term.parameters if not p.linear]
-    grids = [[x * _unit(p, scales) for x in p.scan] for p in shapes]
-    for number, point in enumerate(product(*grids)):
-        if number >= limit:
-            return
-        yield {p.name: v for p, v in zip(shapes, point, strict=True)}
+def scans(term: Term, scales: Scales, limit: int = 400) -> list[dict[str, float]]:
+    """Return starting values of the parameters the force is not linear in, by short name."""
+    grids = _grids(term, scales)
+    return [
+        dict(zip(grids, point, strict=True)) for point in islice(product(*grids.values()), limit)
+    ]
 
 
-def _unit(parameter: Parameter, scales: Scales) -> float:
-    return scales.sizes[parameter.scale]
+def alternatives(term: Term, scales: Scales) -> list[dict[str, float]]:
+    """Return starting values at which one parameter acts and the others do not."""
+    grids = _grids(term, scales)
+    neutral = {p.name: p.neutral for p in term.parameters}
+    return [{**neutral, name: grid[0]} for name, grid in grids.items()]
+
+
+def _grids(term: Term, scales: Scales) -> dict[str, list[float]]:
+    return {
+        p.name: [x * scales.sizes[p.scale] for x in p.scan] for p in term.parameters if not p.linear
+    }

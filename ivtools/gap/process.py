@@ -28,6 +28,8 @@ from .side import Side
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
+_BEYOND = 0.05  # of a stroke: as far as a law may be carried beyond it
+_ENOUGH = 0.3  # of a record must lie where the other one has been, or all of it counts
 _SEGMENTS = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)  # stretches of a record that judges itself
 
 
@@ -124,27 +126,47 @@ def _diagnose(
     if any(p.clipped > findings.SATURATED for p in checked):
         rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
     say("screening and fitting the effects")
-    sides, result = _attributed(measured, rules, extra, without)
+    judge, result = _attributed(measured, rules, extra, without)
     say("where and how far")
-    return answer(record.name, loop, measured, result, sides, rules, found, holdout is not None)
+    return answer(record.name, loop, measured, result, judge, rules, found, holdout is not None)
 
 
 def _attributed(
     measured: tuple[Measured, ...], rules: Rules, extra: tuple[Term, ...], without: tuple[str, ...]
-) -> tuple[tuple[Side, ...], Attribution]:
-    """Attribute; if nothing is named, once more without the stretches that stand out."""
+) -> tuple[Fold, Attribution]:
+    """Attribute; if nothing is named, once more without the stretches that stand out.
+
+    Returns the fold on which the gap is quantified as well.
+    """
     sides, base = _sides(measured)
     result = attribute(sides, base, rules, extra, without)
-    if result.named or not any(local(m.floor) for m in measured):
-        return sides, result
-    sides, base = _sides(tuple(_masked(m) for m in measured))
-    return sides, attribute(sides, base, rules, extra, without)
+    if not result.named and any(local(m.floor) for m in measured):
+        measured = tuple(_masked(m) for m in measured)
+        sides, base = _sides(measured)
+        result = attribute(sides, base, rules, extra, without)
+    return (measured if len(measured) == 2 else sides)[-1].fold, result
 
 
 def _masked(m: Measured) -> Measured:
-    if not local(m.floor):
-        return m
-    fold = replace(m.side.fold, keep=m.side.fold.keep & ~m.floor.event_mask)
+    return _kept(m, ~m.floor.event_mask) if local(m.floor) else m
+
+
+def _within(m: Measured, other: Measured) -> Measured:
+    """Leave out positions where the other record has not been.
+
+    What a law does there, the other record cannot say: a parabola that fits a stroke goes far
+    astray beyond it, and an effect that is there would not replicate.
+    """
+    q, seen = (x.side.fold.record.q[:, 0] for x in (m, other))
+    margin = _BEYOND * float(np.ptp(seen))
+    inside = (q >= np.min(seen) - margin) & (q <= np.max(seen) + margin)
+    kept = float(np.mean(inside[m.side.fold.keep]))
+    return _kept(m, inside) if _ENOUGH < kept < 1.0 else m
+
+
+def _kept(m: Measured, rows: NDArray[np.bool_]) -> Measured:
+    """Return a record judged on some of its samples."""
+    fold = m.side.fold.only(rows, m.side.fold.label)
     step = steps(fold, m.base.loop, m.side.scales)
     fit = gauss_newton(fold, m.base.loop, m.base.values, m.base.free, step, 4)
     return replace(m, side=replace(m.side, fold=fold), base=fit)
@@ -174,9 +196,11 @@ def _measure(record: Record, checked: Parity) -> Measured:
 
 
 def _sides(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit, ...]]:
-    """Return two folds: two records, or alternating stretches of one."""
+    """Return two folds: two records where both have been, or alternating stretches of one."""
     if len(measured) == 2:
-        return tuple(m.side for m in measured), tuple(m.base for m in measured)
+        one, two = measured
+        both = (_within(one, two), _within(two, one))
+        return tuple(m.side for m in both), tuple(m.base for m in both)
     (only,) = measured
     fold = only.side.fold
     first = _first_half(fold.record)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..loop import ClosedLoop
-from .candidates import PERIODIC
 from .parity import Parity
 from .rules import Rules
-from .starts import FIXED
+from .trial import phases
 
 Pair = tuple[float | None, float | None]
 
@@ -133,9 +132,9 @@ def _fitted(
     names: list[str],
     rules: Rules,
 ) -> Replica:
-    pairs = {n: (values[0][n], values[1][n]) for n in names if n not in FIXED}
+    pairs = {n: (values[0][n], values[1][n]) for n in names if not loop.parameters[n].nuisance}
     units = {n: loop.parameters[n].unit_for(loop.joint) for n in pairs}
-    if effect in PERIODIC:  # its phase is a matter of where the record began
+    if phases(loop) & {*names}:  # its phase is a matter of where the record began
         unit = units.get(f"{effect}.cosine", "")
         pairs, units = _without_phase(effect, pairs), {**units, f"{effect}.amplitude": unit}
     pairs = {n: p for n, p in pairs.items() if p != (0.0, 0.0)}

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..physics import Term
-from .candidates import DENSE
 from .fit import Fit
 from .rules import ADEQUATE, Rules
 from .screen import Score, screen
@@ -140,12 +139,13 @@ def _tried(
 ) -> list[Trial]:
     """Fit the best of the screening.
 
-    The screening, of first order, does not see the narrow valley of a `DENSE` effect. Those are
-    searched as well where everything else leaves a gap, and smooth laws of the state leave many
+    The screening, of first order, does not see a narrow valley. Effects with many are searched as
+    well where everything else leaves a gap, and smooth laws of the state leave many
     stretches of the record unexplained, as masses that move on their own do; not again where the
     `gains` of an earlier round say that they would not be most of what is left.
     """
     shares = _shares(found)
+    valleys = {n for n in shares if found[0][n].term.search == "valleys"}
     chosen = [n for n in list(shares)[: rules.refit] if shares[n] > 0.4 * rules.sure.share]
     tried: list[Trial] = []
 
@@ -157,9 +157,9 @@ def _tried(
         return max([0.0, *(t.share for t in tried if t.passes(rules))])
 
     best = fit(chosen[:2])
-    best = fit([n for n in chosen[2:] if shares[n] > _FAR * best or n in DENSE])
+    best = fit([n for n in chosen[2:] if shares[n] > _FAR * best or n in valleys])
     rough, left = max(s.rough for s in sides) > _ROUGH, (1.0 - best) * cost(held)
     if rough and left > ADEQUATE:
         hopeless = {n for n, gain in gains.items() if gain < rules.rest * (left - 1.0)}
-        fit([n for n in DENSE if n in shares and n not in chosen and n not in hopeless])
+        fit(sorted(valleys - {*chosen} - hopeless))
     return tried

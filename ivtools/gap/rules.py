@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .candidates import PERIODIC
+from ..physics import Term
 
 #: Whitened energy over the floor below which nothing is missing.
 ADEQUATE = 1.12
-#: Effects that act where any real axis shows something: at reversals and accelerations.
-REVERSAL = (
-    "stribeck",
-    "sqrt-viscous",
-    "polynomial-viscous",
-    "presliding",
-    "flexibility",
-    "backlash",
-)
 
 
 @dataclass(frozen=True)
@@ -47,11 +38,10 @@ class Rules:
 
     Parameters
     ----------
-    reversal : Bar
-        For the effects of `REVERSAL`: every real axis shows a little of them, so they must be a
-        good part of the gap.
+    everywhere : Bar
+        For the effects that any axis shows a little of: they must be a good part of the gap.
     line : Bar
-        For the effects of `PERIODIC`: many periods are tried, so they must stand out.
+        For lines over position: many periods are tried, so they must stand out.
     other : Bar
         For all others.
     sure : Bar
@@ -75,10 +65,10 @@ class Rules:
     further : float
         Least part of the whole gap that an effect alike to a named one removes.
     rest : float
-        Least part of what is left that makes a dense scan worth while once more.
+        Least part of what is left that makes a search for valleys worth while once more.
     """
 
-    reversal: Bar = Bar(0.035, 5.0, 1.67, 0.15)
+    everywhere: Bar = Bar(0.035, 5.0, 1.67, 0.15)
     line: Bar = Bar(0.015, 12.0, 1.3)
     other: Bar = Bar(0.02, 6.5, 1.67)
     sure: Bar = Bar(0.012, 20.0, 1.25)
@@ -93,8 +83,8 @@ class Rules:
     further: float = 0.05
     rest: float = 0.5
 
-    def bar(self, effect: str) -> Bar:
+    def bar(self, term: Term) -> Bar:
         """Return what this effect must reach."""
-        if effect in REVERSAL:
-            return self.reversal
-        return self.line if effect in PERIODIC else self.other
+        if term.everywhere:
+            return self.everywhere
+        return self.line if term.search == "lines" else self.other

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from ..loop import Simulation
 from ..physics import Term
 from . import periods
-from .candidates import PERIODIC, Scales, scans
+from .candidates import Box, Scales, alternatives, scans
 from .fit import Fit, normal
 from .fold import Fold
 from .side import Side
 
 Array = NDArray[np.float64]
 
-_COARSE = {"backlash": 72, "flexibility": 5}
+_GLANCE = 3  # power of two: starting points of an effect with many valleys
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,18 +92,13 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
 
 
 def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[dict[str, float]]:
-    if term.name in PERIODIC:
-        return [{"period": p} for p in lines[term.name]]
-    if any(p.name == "period" for p in term.parameters):
-        return [{"period": p} for p in lines["cogging"]]
-    if term.name == "drive-timing":
-        return [
-            {"delay": 0.5 * scales.record.dt, "lag": 0.0},
-            {"delay": 0.0, "lag": 0.5 * scales.record.dt},
-        ]
-    if term.name in _COARSE:  # the dense scan waits until the effect is in question
-        return list(scans(term, scales))[:: _COARSE[term.name]]
-    return list(scans(term, scales))
+    if term.search == "lines":
+        return [{"period": p} for p in lines.get(term.name, lines["cogging"])]
+    if term.search == "either":
+        return alternatives(term, scales)
+    if term.search == "valleys":  # a glance: the search waits until the effect is in question
+        return Box(term, scales).points(_GLANCE)
+    return scans(term, scales)
 
 
 def _direction(

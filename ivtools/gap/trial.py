@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..loop import ClosedLoop
 from ..physics import Term
-from .candidates import DENSE, PERIODIC
 from .fit import Fit, gauss_newton, steps
 from .rules import Bar, Rules
 from .screen import Score
 from .side import Side
-from .starts import FIXED, starts
+from .starts import starts
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class Trial:
 
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates."""
-        bar = rules.bar(self.name)
+        bar = rules.bar(self.term)
         enough = bool(np.min(self.parts) >= bar.part)
         return enough and (self._over(bar) or self._over(rules.sure))
 
@@ -112,10 +112,11 @@ def attempt(
     sides: tuple[Side, ...], fits: tuple[Fit, ...], before: tuple[Fit, ...], scores: list[Score]
 ) -> Trial:
     """Fit an effect on each fold, and judge it on the other."""
-    new = tuple(_extended(s, f, score) for s, f, score in zip(sides, fits, scores, strict=True))
-    if scores[0].term.name in DENSE:  # either side may have found the deeper valley
+    term, begin = scores[0].term, starts(sides, fits, scores)
+    new = tuple(_extended(s, f, term, b) for s, f, b in zip(sides, fits, begin, strict=True))
+    if term.search == "valleys":  # either side may have come deeper
         new = (_deeper(sides[0], *new), _deeper(sides[1], *new[::-1]))
-    return Trial(scores[0].term, new, frozen(sides, new), before)
+    return Trial(term, new, frozen(sides, new), before)
 
 
 def _deeper(side: Side, own: Fit, other: Fit) -> Fit:
@@ -131,36 +132,33 @@ def frozen(sides: tuple[Side, ...], fits: tuple[Fit, ...]) -> tuple[Fit, ...]:
 
 
 def _retuned(side: Side, fit: Fit) -> Fit:
-    free = [n for n in fit.free if "." not in n or _phase(n)]
+    free = [n for n in fit.free if "." not in n or n in phases(fit.loop)]
     step = steps(side.fold, fit.loop, side.scales)
     return gauss_newton(side.fold, fit.loop, fit.values, free, step, iterations=3)
 
 
-def _phase(name: str) -> bool:
-    """Whether a parameter is a nuisance of its record: an encoder is homed anew."""
-    effect, _, parameter = name.partition(".")
-    return effect in PERIODIC and parameter in ("cosine", "sine")
+def phases(loop: ClosedLoop) -> set[str]:
+    """Return the parameters that are a matter of each record: an encoder is homed anew."""
+    lines = (t for t in loop.terms if t.search == "lines")
+    return {f"{t.name}.{n}" for t in lines for n in ("cosine", "sine")}
 
 
-def _extended(side: Side, fit: Fit, score: Score) -> Fit:
+def _extended(side: Side, fit: Fit, term: Term, begin: list[dict[str, float]]) -> Fit:
     """Fit the model with one more effect, from its best starting values."""
-    best: Fit | None = None
-    for values in starts(side, fit, score):
-        loop = fit.loop.with_effect(score.term, **values)
-        free = _free(fit, score.term, values)
-        new = gauss_newton(
-            side.fold, loop, loop.values(fit.values), free, steps(side.fold, loop, side.scales)
-        )
-        best = new if best is None or new.cost < best.cost else best
-    assert best is not None
-    return best
+    found = []
+    for values in begin:
+        loop = fit.loop.with_effect(term, **values)
+        step = steps(side.fold, loop, side.scales)
+        free = [*fit.free, *_free(term, values)]
+        found.append(gauss_newton(side.fold, loop, loop.values(fit.values), free, step))
+    return min(found, key=lambda f: f.cost)
 
 
-def _free(fit: Fit, term: Term, values: Mapping[str, float]) -> list[str]:
-    own = [n for n in term.names if n not in FIXED]
-    if term.name == "drive-timing":  # twins: one of the two is enough
-        own = [n for n in own if values[n.partition(".")[2]] != 0.0]
-    return [*fit.free, *own]
+def _free(term: Term, values: Mapping[str, float]) -> list[str]:
+    own = [p for p in term.parameters if not p.nuisance]
+    if term.search == "either":
+        own = [p for p in own if values[p.name] != p.neutral]
+    return [f"{term.name}.{p.name}" for p in own]
 
 
 def _t(sums: Array) -> float:

@@ -20,6 +20,7 @@ TORQUE_RIPPLE = Term(
     law=lambda q, dq, ddq, sign, tau, t, a, b, p: (
         -tau * (a * np.cos(2.0 * np.pi * q / p) + b * np.sin(2.0 * np.pi * q / p))
     ),
+    search="lines",
 )
 
 DRIVE_ASYMMETRY = Term(
@@ -53,11 +54,12 @@ DRIVE_TIMING = Term(
     "drive-timing",
     "drive",
     (
-        Parameter("delay", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.3, 1.0, 2.5)),
-        Parameter("lag", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.3, 1.0, 2.5)),
+        Parameter("delay", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.5, 1.0, 2.5)),
+        Parameter("lag", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.5, 1.0, 2.5)),
     ),
     "tau(t - delay), then lag dtau/dt + tau = command",
     "current loop and bus: Leonhard, Control of Electrical Drives, 2001",
+    search="either",
 )
 
 SATURATION = Term(
@@ -75,6 +77,7 @@ SATURATION = Term(
     ),
     "clip(nu, -limit, limit)",
     "limit of the power amplifier, below the one that the axis file states",
+    search="elsewhere",
 )
 
 TERMS = (TORQUE_RIPPLE, DRIVE_ASYMMETRY, DEAD_ZONE, DRIVE_TIMING, SATURATION)

@@ -49,6 +49,7 @@ ASYMMETRIC_FRICTION = Term(
     f"{_JANOT}, equation 12",
     law=_asymmetric,
     base=True,
+    slot="asymmetry",
 )
 
 ASYMMETRIC_VISCOUS = Term(
@@ -58,6 +59,7 @@ ASYMMETRIC_VISCOUS = Term(
     "dFv |dq|",
     f"{_JANOT}, equation 12, as its odd part",
     law=lambda q, dq, ddq, sign, tau, t, delta: delta * np.abs(dq),
+    slot="asymmetry",
 )
 
 STRIBECK = Term(
@@ -73,10 +75,20 @@ STRIBECK = Term(
             scale="speed",
             scan=(0.02, 0.05, 0.1, 0.2),
         ),
+        Parameter(
+            "exponent",
+            "1",
+            lower=0.1,
+            neutral=2.0,
+            scale="one",
+            scan=(2.0, 1.0),
+            nuisance=True,
+        ),
     ),
-    "Fs exp(-(dq/vs)^2) sign(dq)",
+    "Fs exp(-|dq/vs|^n) sign(dq), n = 2 if nothing is said; 1 is Tustin's",
     _ARMSTRONG,
-    law=lambda q, dq, ddq, sign, tau, t, fs, vs: fs * np.exp(-((dq / vs) ** 2)) * sign,
+    law=lambda q, dq, ddq, sign, tau, t, fs, vs, n: fs * np.exp(-(np.abs(dq / vs) ** n)) * sign,
+    everywhere=True,
 )
 
 POLYNOMIAL_VISCOUS = Term(
@@ -86,6 +98,7 @@ POLYNOMIAL_VISCOUS = Term(
     "F2 dq |dq| + F3 dq^3",
     "Bittencourt, Axelsson, IEEE/ASME Trans. Mechatronics 19(5), 2014",
     law=lambda q, dq, ddq, sign, tau, t, f2, f3: (f2 * np.abs(dq) + f3 * dq * dq) * dq,
+    everywhere=True,
 )
 
 SQRT_VISCOUS = Term(
@@ -95,6 +108,7 @@ SQRT_VISCOUS = Term(
     "Fh sqrt|dq| sign(dq)",
     "Harnoy, Friedland, Cohn, IEEE Control Systems 28(6), 2008: hydrodynamic lubrication",
     law=lambda q, dq, ddq, sign, tau, t, fh: fh * np.sqrt(np.abs(dq)) * sign,
+    everywhere=True,
 )
 
 POSITION_FRICTION = Term(
@@ -136,10 +150,11 @@ PRESLIDING = Term(
             scale="stiffness",
             scan=(1.0, 3.0, 10.0),
         ),
-        Parameter("damping", "{F} s/{L}", lower=0.0, neutral=0.0, scan=(0.0,)),
+        Parameter("damping", "{F} s/{L}", lower=0.0, neutral=0.0, scan=(0.0,), nuisance=True),
     ),
     "dz = dq - s0 |dq| z / Fc, f = s0 z + s1 dz in place of Fc sign(dq)",
     "Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40(3), 1995",
+    everywhere=True,
 )
 
 

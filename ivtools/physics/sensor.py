@@ -18,6 +18,7 @@ ENCODER_ECCENTRICITY = Term(
     ),
     "q + a cos(2 pi q/p) + b sin(2 pi q/p)",
     "Kavanagh, IEEE Trans. Industrial Electronics 47(4), 2000",
+    search="lines",
 )
 
 CONTROLLER_MISMATCH = Term(
@@ -31,6 +32,7 @@ CONTROLLER_MISMATCH = Term(
     ),
     "kp (1 + a), kv (1 + b), one more tap c in the velocity filter, added input (1 + d)",
     "settings that differ from the ones in the axis file",
+    search="elsewhere",
 )
 
 DISTURBANCE = Term(
@@ -39,6 +41,7 @@ DISTURBANCE = Term(
     (),
     "a force from outside, not repeatable",
     "what no model of the axis explains: reported by time, never fitted",
+    search="elsewhere",
 )
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from math import inf
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import AxisError
 
 Law = Callable[..., "NDArray[np.float64]"]
+Search = Literal["scan", "valleys", "lines", "either", "elsewhere"]
 
 _SYMBOLS = {
     "prismatic": {"F": "N", "L": "m", "M": "kg"},
@@ -50,6 +52,8 @@ class Parameter:
     scan : tuple of float
         Starting values for a search, in multiples of `scale`; empty where the force is linear in
         the parameter, which needs none.
+    nuisance : bool
+        Whether a record says next to nothing about it: it stays where a search began.
     """
 
     name: str
@@ -59,6 +63,7 @@ class Parameter:
     neutral: float = 0.0
     scale: str = "force"
     scan: tuple[float, ...] = ()
+    nuisance: bool = False
 
     @property
     def linear(self) -> bool:
@@ -92,6 +97,17 @@ class Term:
         Whether the term belongs to the rigid model, whose parameters carry no prefix.
     substeps : int
         Integration steps per sample that the effect needs.
+    search : str
+        How a diagnosis looks for it: ``"scan"`` tries the starting values of its parameters;
+        ``"valleys"`` searches the box they span, for the error has many minima; ``"lines"`` takes
+        its ``period`` from the spectrum over position, and its phase, ``cosine`` and ``sine``, is a
+        matter of each record; ``"either"`` takes one parameter at a time, for they do the same;
+        ``"elsewhere"`` decides at the controller or in time, not by simulation.
+    everywhere : bool
+        Whether any axis shows a little of it, as around reversals: it must be a good part of the
+        gap to be named.
+    slot : str
+        The place in the loop that it takes, if only one effect can have it.
     """
 
     name: str
@@ -102,6 +118,9 @@ class Term:
     law: Law | None = field(default=None, compare=False)
     base: bool = False
     substeps: int = 1
+    search: Search = "scan"
+    everywhere: bool = False
+    slot: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -76,6 +76,7 @@ COGGING = Term(
     law=lambda q, dq, ddq, sign, tau, t, a, b, p: (
         a * np.cos(2.0 * np.pi * q / p) + b * np.sin(2.0 * np.pi * q / p)
     ),
+    search="lines",
 )
 
 FLEXIBILITY = Term(
@@ -120,20 +121,16 @@ FLEXIBILITY = Term(
     ),
     "two masses M (1 - r), M r joined by k, c: k = (2 pi f)^2 M r (1 - r)",
     "Spong, ASME J. Dynamic Systems, Measurement and Control 109(4), 1987",
+    search="valleys",
+    everywhere=True,
+    slot="second mass",
 )
 
 BACKLASH = Term(
     "backlash",
     "mechanics",
     (
-        Parameter(
-            "gap",
-            "{L}",
-            lower=0.0,
-            neutral=0.0,
-            scale="stroke",
-            scan=tuple(np.geomspace(2e-5, 2e-3, 20)),
-        ),
+        Parameter("gap", "{L}", lower=0.0, scale="stroke", scan=(2e-5, 1e-4, 4e-4, 2e-3)),
         Parameter(
             "load_share",
             "1",
@@ -141,7 +138,7 @@ BACKLASH = Term(
             upper=0.9,
             neutral=0.2,
             scale="one",
-            scan=_SHARES,
+            scan=(0.05, 0.15, 0.45),
         ),
         Parameter(
             "load_friction",
@@ -150,7 +147,7 @@ BACKLASH = Term(
             upper=1.0,
             neutral=0.5,
             scale="one",
-            scan=(0.3, 0.5, 0.7),
+            scan=(0.1, 0.5, 0.9),
         ),
         Parameter(
             "load_offset",
@@ -160,13 +157,26 @@ BACKLASH = Term(
             neutral=0.0,
             scale="one",
             scan=(0.0, 1.0),
+            nuisance=True,
         ),
-        Parameter("contact_hz", "Hz", lower=10.0, neutral=150.0, scale="one", scan=(150.0,)),
-        Parameter("damping", "1", lower=0.0, upper=2.0, neutral=0.2, scale="one", scan=(0.2,)),
+        Parameter("contact_hz", "Hz", lower=10.0, neutral=150.0, scale="one", scan=(100.0, 250.0)),
+        Parameter(
+            "damping",
+            "1",
+            lower=0.0,
+            upper=2.0,
+            neutral=0.2,
+            scale="one",
+            scan=(0.2,),
+            nuisance=True,
+        ),
     ),
     "two masses M (1 - r), M r that touch when |q1 - q2| > gap/2; an offset of the load (gravity) "
     "preloads the gap, one of the motor (amplifier zero) does not",
     "Nordin, Gutman, Automatica 38(10), 2002",
+    search="valleys",
+    everywhere=True,
+    slot="second mass",
 )
 
 
