@@ -161,6 +161,13 @@ def test_a_command_at_its_limit_is_said(twin, loop):
     assert "sits at its limit in" in text and "gentler references" in text
 
 
+def test_a_limit_that_nobody_declared_is_no_effect_once_it_is_all_there_is(twin, loop):
+    """Where the command hardly ever leaves it, nothing controls the axis."""
+    tight = replace(loop, controller=replace(loop.controller, limit=0.8))
+    text = refusal(moved(tight, twin, twin.q_ref), loop)
+    assert "the command is cut at 0.8 in" in text and "[controller] limit" in text
+
+
 def test_a_command_beyond_its_limit_is_said(record, loop):
     top = 0.6 * float(np.quantile(np.abs(record.nu), 0.999))
     low = replace(loop, controller=replace(loop.controller, limit=top))

@@ -26,7 +26,8 @@ _GROSS = 0.15  # a larger error of a gain is a wrong axis file, not an effect
 _OVER, _FEW = 1.05, 8  # command over its declared limit, in so many samples: it is not the limit
 _BEYOND = 2.0  # command over its declared limit from which a unit must be wrong
 _INERTIA = (0.05, 20.0)  # of the record per that of the axis file
-SATURATED = 0.2  # share of samples at the limit beyond which nothing can be said
+SATURATED = 0.2  # share of samples at the limit beyond which nothing else can be said
+_OPEN = 0.6  # and beyond which the limit is no effect any more: nothing controls the axis
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,8 @@ def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]
     share = f"in {100 * parity.clipped:.0f} % of the samples"
     if parity.limit is not None:
         text = f"the command is cut at {parity.limit:.4g} {share}, which the axis file does not say"
-        return [Finding(f"{text}; put it in [controller] limit, use gentler references", False)]
+        remedy = "put it in [controller] limit, use gentler references"
+        return [Finding(f"{text}; {remedy}", parity.clipped > _OPEN)]
     text = f"the command sits at its limit {share}; the loop is open there"
     return [Finding(f"{text}: use gentler references")]
 

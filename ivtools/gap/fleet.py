@@ -10,6 +10,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+from ..physics import EFFECTS
 from ..tables import Text, table
 from .entry import FAILED, Entry
 from .shelf import PAGES, write
@@ -68,6 +69,13 @@ class Fleet:
         """Unit of the force error."""
         return next((e.shrink["unit"] for e in self.entries if e.shrink), "N")
 
+    def _unit_of(self, effect: str, parameter: str) -> str:
+        """Return the unit of a parameter of a known effect; a number has none."""
+        joint = "revolute" if self.unit == "N m" else "prismatic"
+        known = EFFECTS[effect].parameters if effect in EFFECTS else ()
+        units = {p.name: p.unit_for(joint) for p in known if p.unit != "1"}
+        return units.get(parameter, "")
+
     def frame(self) -> pd.DataFrame:
         """Return one row per record: verdict, effects, force errors, and each parameter named.
 
@@ -101,7 +109,9 @@ class Fleet:
         for effect, parameters in self.effects().items():
             count = sum(effect in e.effects for e in self.entries)
             ranges = "; ".join(
-                f"{name} {_range(values)}" for name, values in parameters.items() if values
+                f"{name} {_range(values)} {self._unit_of(effect, name)}".rstrip()
+                for name, values in parameters.items()
+                if values
             )
             text = f"{effect}: named in {count} of {len(self)}{'; ' * bool(ranges)}{ranges}"
             lines += wrap(text, 78, subsequent_indent="  ", break_on_hyphens=False)
