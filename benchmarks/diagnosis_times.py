@@ -1,6 +1,6 @@
 """Diagnosis times: how long `iv.diagnose` takes, on two cores and on one, and how it grows.
 
-    python benchmarks/diagnosis_times.py
+    python -m benchmarks.diagnosis_times
 
 writes benchmarks/results/diagnosis_times.csv. Each figure is the median of some runs in one warm
 process on an idle machine. The EMPS records are those of the data set; the others are simulated
@@ -17,11 +17,11 @@ import numpy as np
 import pandas as pd
 
 import ivtools as iv
+from benchmarks.moves import record as moves
 from ivtools.record import Record
 
 RESULTS = Path(__file__).parent / "results"
 SECONDS = (12.5, 25.0, 50.0, 100.0)
-DT = 1e-3
 
 
 def axis() -> tuple[iv.ClosedLoop, dict[str, float]]:
@@ -32,23 +32,6 @@ def axis() -> tuple[iv.ClosedLoop, dict[str, float]]:
     theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
     theta |= {"asymmetric-viscous.delta": -35.0, "stribeck.force": 6.0, "stribeck.speed": 0.01}
     return loop, theta | {"position-friction.slope": 12.0, "position-friction.curvature": 0.0}
-
-
-def simulated(seconds: float, seed: int) -> Record:
-    """Return a record with moves between random positions at random speeds."""
-    rng, n = np.random.default_rng(seed), round(seconds / DT)
-    t, at, q = np.arange(n) * DT, [0.0], [0.0]
-    while at[-1] < seconds:
-        goal, speed = rng.uniform(0.0, 0.245), rng.uniform(0.02, 0.15)
-        at.append(at[-1] + max(abs(goal - q[-1]) / speed, 0.1))
-        q.append(goal)
-    smooth = np.ones(120) / 120
-    q_ref = np.convolve(np.interp(t, at, q), smooth)[:n]
-    ask = Record(t, q_ref, q_ref=q_ref, nu=q_ref)  # only its reference counts
-    loop, theta = axis()
-    noise = rng.normal(0.0, 0.6, n)
-    ran = loop.simulate(ask, theta, initial="rest", force_noise=noise, quantum=5e-8)
-    return Record(t, ran.q, q_ref=q_ref, nu=ran.nu, name=f"{seconds:g} s")
 
 
 def timed(record: Record, holdout: Record | None, repeats: int, cores: int) -> dict[str, object]:
@@ -80,7 +63,7 @@ def main() -> None:
     args = parser.parse_args()
     emps, pulses = iv.datasets.emps(), iv.datasets.emps_pulses()
     pairs = [(emps, pulses), (pulses, emps), (emps, None)]
-    pairs += [(simulated(s, 1), simulated(s, 2)) for s in SECONDS]
+    pairs += [(moves(*axis(), s, 1), moves(*axis(), s, 2)) for s in SECONDS]
     rows = [timed(a, b, args.repeats, cores) for a, b in pairs for cores in (2, 1)]
     table = pd.DataFrame(rows)
     table.to_csv(RESULTS / "diagnosis_times.csv", index=False)

@@ -1,15 +1,14 @@
 """Which effects earn a name: what one large effect must not hide, and what is not ambiguous."""
 
-import numpy as np
 import pytest
 
 import ivtools as iv
+from benchmarks import moves
 from ivtools.gap.confidence import Evidence, probability
 from ivtools.gap.rules import Rules
 from ivtools.physics import EFFECTS
-from ivtools.record import Record
 
-DT, SECONDS = 1e-3, 16.0
+SECONDS = 16.0
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 
 
@@ -20,20 +19,7 @@ def records(**effects):
         term = name.replace("_", "-")
         loop = loop.with_effect(term, **values)
         theta |= {f"{term}.{k}": v for k, v in values.items()}
-    made = []
-    for seed in (1, 2):
-        rng, n = np.random.default_rng(seed), round(SECONDS / DT)
-        t, at, q = np.arange(n) * DT, [0.0], [0.0]
-        while at[-1] < SECONDS:
-            goal, speed = rng.uniform(0.0, 0.24), rng.uniform(0.03, 0.15)
-            at.append(at[-1] + max(abs(goal - q[-1]) / speed, 0.1))
-            q.append(goal)
-        q_ref = np.convolve(np.interp(t, at, q), np.ones(100) / 100)[:n]
-        ask = Record(t, q_ref, q_ref=q_ref, nu=q_ref)  # only its reference counts
-        noise = rng.normal(0.0, 0.6, n)
-        ran = loop.simulate(ask, theta, initial="rest", force_noise=noise, quantum=5e-8)
-        made.append(Record(t, ran.q, q_ref=q_ref, nu=ran.nu, name=f"run {seed}"))
-    return made
+    return [moves.record(loop, theta, SECONDS, seed) for seed in (1, 2)]
 
 
 @pytest.fixture(scope="module")

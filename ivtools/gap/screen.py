@@ -9,7 +9,7 @@ change hardly depends on the other effects in the model.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,14 +38,15 @@ class Score:
         Share of the whitened energy of the gap.
     statistic : float
         Block-robust F statistic of the columns.
-    start : mapping
-        Starting values of the effect's parameters, by short name.
+    starts : list of mapping
+        Starting values of the effect's parameters, by short name: the best ones for each choice
+        of its nuisances, the best of all first.
     """
 
     term: Term
     share: float
     statistic: float
-    start: dict[str, float]
+    starts: list[dict[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +80,26 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
     basis = _orthonormal(fit.J)
     e = fit.e - basis @ (basis.T @ fit.e)
     lines = periods.search(fold, side.response, e, now)
-    best: dict[str, Score] = {}
+    found: dict[str, Score] = {}
     for term in terms:
-        for shape in _shapes(term, side.scales, lines):
-            d = _direction(side, fit, now, term, shape)
-            if d is None:
-                continue
-            score = _score(d, basis, e, fold)
-            if term.name not in best or score.share > best[term.name].share:
-                best[term.name] = score
-    return best
+        directions = (
+            _direction(side, fit, now, term, shape) for shape in _shapes(term, side.scales, lines)
+        )
+        scores = [_score(d, basis, e, fold) for d in directions if d is not None]
+        if scores:
+            found[term.name] = _best(term, scores)
+    return found
+
+
+def _best(term: Term, scores: list[Score]) -> Score:
+    """Return the best score, with the best starts for each choice of the nuisances."""
+    ordered = sorted(scores, key=lambda s: -s.share)
+    nuisances = [p.name for p in term.parameters if p.nuisance]
+    starts: dict[tuple[float, ...], dict[str, float]] = {}
+    for score in ordered:
+        (start,) = score.starts
+        starts.setdefault(tuple(start[n] for n in nuisances), start)
+    return replace(ordered[0], starts=list(starts.values()))
 
 
 def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[dict[str, float]]:
@@ -158,7 +169,7 @@ def _score(d: _Direction, basis: Array, e: Array, fold: Fold) -> Score:
     reverse = not d.names and beta[0] > 0.0
     if reverse or not _within(d.term, start):  # only the reverse of the effect would help
         share = 0.0
-    return Score(d.term, share, _statistic(C, e - explained, beta, fold), start)
+    return Score(d.term, share, _statistic(C, e - explained, beta, fold), [start])
 
 
 def _within(term: Term, values: Mapping[str, float]) -> bool:

@@ -42,7 +42,7 @@ def starts(
         return ([_deepest(sides, fits, term)],) * len(sides)
     if term.search == "either":
         return tuple(alternatives(term, s.scales) for s in sides)
-    return tuple([s.start] for s in scores)
+    return tuple(s.starts for s in scores)
 
 
 def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> Point:

@@ -19,6 +19,8 @@ from .starts import starts
 
 Array = NDArray[np.float64]
 
+_PATIENCE = 24  # Jacobians of a fit: a narrow valley bends
+
 
 @dataclass(frozen=True, eq=False)
 class Trial:
@@ -122,7 +124,7 @@ def attempt(
 def _deeper(side: Side, own: Fit, other: Fit) -> Fit:
     """Return the better of a fit and one that starts at the values of the other fold."""
     step = steps(side.fold, own.loop, side.scales)
-    again = gauss_newton(side.fold, own.loop, other.values, own.free, step)
+    again = gauss_newton(side.fold, own.loop, other.values, own.free, step, _PATIENCE)
     return min(own, again, key=lambda f: f.cost)
 
 
@@ -150,7 +152,7 @@ def _extended(side: Side, fit: Fit, term: Term, begin: list[dict[str, float]]) -
         loop = fit.loop.with_effect(term, **values)
         step = steps(side.fold, loop, side.scales)
         free = [*fit.free, *_free(term, values)]
-        found.append(gauss_newton(side.fold, loop, loop.values(fit.values), free, step))
+        found.append(gauss_newton(side.fold, loop, loop.values(fit.values), free, step, _PATIENCE))
     return min(found, key=lambda f: f.cost)
 
 

@@ -1,0 +1,119 @@
+"""How effects are looked for: boxes, valleys, shapes, and records of different strokes."""
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from benchmarks import moves
+from ivtools.gap.candidates import Box, Scales, alternatives, library, scans
+from ivtools.gap.quantify import _interval
+from ivtools.physics import EFFECTS
+
+BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+
+
+def axis(effect, **values):
+    """Return the loop with one effect, and its parameters."""
+    loop = iv.axes.emps().with_effect(effect, **values)
+    return loop, BASE | {f"{effect}.{k}": v for k, v in values.items()}
+
+
+@pytest.fixture(scope="module")
+def scales():
+    return Scales(iv.datasets.twin(), iv.axes.emps())
+
+
+def test_a_box_spans_the_starting_values(scales):
+    term, box = EFFECTS["backlash"], Box(EFFECTS["backlash"], scales)
+    corners = (box.point(np.full(box.dimensions, u)) for u in (0.0, 1.0))
+    for low, high in ((0, -1),):
+        first, last = corners
+        for p in term.parameters:
+            values = [x * scales.sizes[p.scale] for x in p.scan]
+            assert first[p.name] == pytest.approx(values[low])
+            assert last[p.name] == pytest.approx(values[high])
+    middle = box.point(np.full(box.dimensions, 0.5))
+    gaps = [x * scales.sizes["stroke"] for x in (2e-5, 2e-3)]
+    assert middle["gap"] == pytest.approx(np.sqrt(gaps[0] * gaps[1]))
+    assert len(box.points(3)) == 8
+
+
+def test_a_nuisance_takes_one_of_its_values(scales):
+    box = Box(EFFECTS["backlash"], scales)
+    assert {p["load_offset"] for p in box.points(5)} == {0.0, 1.0}
+    assert {p["damping"] for p in box.points(3)} == {0.2}
+
+
+def test_alternatives_act_one_at_a_time(scales):
+    found = alternatives(EFFECTS["drive-timing"], scales)
+    assert [sorted(p for p, v in values.items() if v) for values in found] == [["delay"], ["lag"]]
+
+
+def test_the_starting_values_are_all_combinations(scales):
+    found = scans(EFFECTS["stribeck"], scales)
+    assert len({tuple(p.values()) for p in found}) == 8
+    assert {p["exponent"] for p in found} == {1.0, 2.0}
+
+
+def test_two_effects_do_not_take_the_same_slot():
+    loop = iv.axes.emps()
+    names = {t.name for t in library(loop.with_effect("flexibility"))}
+    assert not names & {"flexibility", "backlash"}
+    assert "asymmetric-viscous" not in {
+        t.name for t in library(loop.with_terms("inertia", "asymmetric-friction"))
+    }
+    assert {"flexibility", "backlash", "asymmetric-viscous"} <= {t.name for t in library(loop)}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_backlash_is_found_where_it_is(seed):
+    """Its valley is a few per cent wide, in four parameters."""
+    true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.6, "contact_hz": 160.0}
+    loop, theta = axis("backlash", **true, load_offset=0.0, damping=0.2)
+    one, two = (moves.record(loop, theta, 16.0, s) for s in (seed, seed + 10))
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert gap.effects == ("backlash",)
+    assert gap.parameters["backlash"]["gap"] == pytest.approx(true["gap"], rel=0.05)
+    assert gap.parameters["backlash"]["load_share"] == pytest.approx(true["load_share"], rel=0.1)
+    assert gap.shrink.closed > 0.9
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+def test_either_form_of_stribeck_is_stribeck(exponent):
+    loop, theta = axis("stribeck", force=7.0, speed=0.02, exponent=exponent)
+    gap = iv.diagnose(
+        moves.record(loop, theta, 16.0, 1), iv.axes.emps(), moves.record(loop, theta, 16.0, 2)
+    )
+    assert gap.effects == ("stribeck",)
+    assert gap.parameters["stribeck"]["exponent"] == exponent
+    assert gap.parameters["stribeck"]["speed"] == pytest.approx(0.02, rel=0.15)
+
+
+def test_records_are_compared_where_both_have_been():
+    """A parabola fitted on half the stroke goes astray on the other half."""
+    loop, theta = axis("position-friction", slope=90.0, curvature=-330.0)
+    one = moves.record(loop, theta, 16.0, 1, stroke=(0.0, 0.12))
+    two = moves.record(loop, theta, 16.0, 2, stroke=(0.0, 0.245))
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert gap.effects == ("position-friction",)
+    (remark,) = [x for x in gap.advice if "where the other record has not been" in x]
+    assert remark.startswith("16 s, seed 2: ")
+    assert gap.traces.keep.sum() > 0.9 * np.sum(two.t > 0.15)  # but judged on all of it
+
+
+def test_an_interval_holds_the_level_in_95_cases_of_100():
+    """Coloured noise whose level is known, in as many blocks as a record has."""
+
+    class Noise:
+        """As a fold that has 40 blocks."""
+
+        @staticmethod
+        def block_sums(x):
+            return np.add.reduceat(x, np.arange(0, len(x), 400))
+
+    rng, held, trials = np.random.default_rng(5), 0, 400
+    for _ in range(trials):
+        e = np.convolve(rng.standard_normal(16100), np.ones(100) / 10.0, mode="valid")[:16000]
+        low, high = _interval(e, Noise())
+        held += low <= 1.0 <= high
+    assert 0.92 <= held / trials <= 0.98
