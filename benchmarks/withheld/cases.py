@@ -13,7 +13,7 @@ from . import axes, backgrounds, disturbances, motions
 from .axes import DT, Axis
 from .effects import EFFECTS, SIZE, Values
 from .experiments import Experiment, least, off_limit, play, record
-from .suites import Task
+from .suites import REAL, Task
 
 DETECTABLE = 0.3  # least whitened signature over the noise floor
 _TRIES = 60
@@ -68,7 +68,7 @@ def _attempt(task: Task, rng: np.random.Generator) -> Case | None:
     n = int(rng.uniform(16.0, 25.0) / DT)
     refs = [motions.draw(rng, motion, n) for _ in range(2)]
     steady = [np.zeros(n)] * 2
-    if task.suite == "background":
+    if task.suite in REAL:
         found = backgrounds.draw(rng, *task.detail, refs)
         size = rng.uniform(0.5, 1.5) * rng.choice([-1.0, 1.0])
         refs, steady = [b.ref for b in found], [size * b.force for b in found]
@@ -91,9 +91,11 @@ def _attempt(task: Task, rng: np.random.Generator) -> Case | None:
         "parameters": {e: {k: float(x) for k, x in v.items()} for e, v in values.items()},
         "inertia": axis.inertia * axis.mass,
     }
-    if task.suite == "background":
+    if task.suite in REAL:
         label["background"] = float(np.std(steady[1]) / np.std(quiet[1].force))
-        label["over_background"] = {e: least(axis, {e: values[e]}, full) for e in seen}
+        over = label["over_background"] = {e: least(axis, {e: values[e]}, full) for e in seen}
+        if task.suite == "clear" and not all(s >= DETECTABLE for s in over.values()):
+            return None
     if task.suite == "bursts":
         full, mark = _burst(rng, task.detail[0], axis, full)
         if mark["size"] < _BURST:

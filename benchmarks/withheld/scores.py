@@ -32,6 +32,7 @@ GOOD = {
     "two": ("right", "ambiguous", "twin"),
     "outside": ("right", "twin", "flagged"),
     "background": ("right", "ambiguous"),
+    "clear": ("right", "ambiguous"),
     "bursts": ("right",),
     "small": ("right", "ambiguous"),
 }

@@ -8,12 +8,10 @@ import numpy as np
 import pandas as pd
 
 from .calibration import Reliability, coverage, wilson
-from .cases import DETECTABLE
 from .effects import EFFECTS
 from .scores import GOOD, SPURIOUS
+from .suites import REAL
 
-#: Backgrounds out of which the effect stands as it must out of the noise.
-CLEAR = "background, visible over it"
 #: Aims, as shares: of good answers per suite, and most spurious names.
 AIMS = {
     "single": (0.95, 0.02),
@@ -23,7 +21,7 @@ AIMS = {
     "outside": (0.95, 0.05),
     "background": (0.80, 0.02),
     "background, nothing hidden": (1.0, 0.0),
-    CLEAR: (0.80, 0.02),
+    "clear": (0.80, 0.02),
 }
 _AIM_OF = {"flexibility": 0.90, "backlash": 0.80}
 _VISIBLE = (0.0, 0.1, 0.15, 0.2, 0.3, 0.5, np.inf)
@@ -54,9 +52,7 @@ def named(table: pd.DataFrame) -> pd.Series:
 def suites(table: pd.DataFrame) -> str:
     """Return good and spurious answers per suite beside their aims."""
     rows = []
-    clear = table[table["over_background"] >= DETECTABLE]
-    groups = [*table.groupby(named(table), sort=False), (CLEAR, clear)]
-    for name, group in groups:
+    for name, group in table.groupby(named(table), sort=False):
         if name == "small" or not len(group):
             continue
         good = group["score"].isin(GOOD[str(name).partition(",")[0]])
@@ -91,7 +87,7 @@ def effects(table: pd.DataFrame) -> str:
 
 def backgrounds(table: pd.DataFrame) -> str:
     """Return the scores on real backgrounds by visibility, kind and model."""
-    part = table[table["suite"] == "background"]
+    part = table[table["suite"].isin(REAL)]
     some = part[part["truth"] != ""]
     bins = pd.cut(some["over_background"], list(_VISIBLE)).astype(str)
     kind = part["detail"].str.partition("+")[0]

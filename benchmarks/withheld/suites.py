@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -98,6 +98,13 @@ def _background(seeds: range) -> Iterator[Task]:
                 yield Task("background", s, (names[order[j]],), way)
 
 
+def _clear(seeds: range) -> Iterator[Task]:
+    """The backgrounds with an effect once more, to be drawn until it stands out from them."""
+    for task in _background(seeds):
+        if task.effects:
+            yield replace(task, suite="clear")
+
+
 def _bursts(seeds: range) -> Iterator[Task]:
     return (Task("bursts", s, (), (shape,)) for s in seeds for shape in BURSTS)
 
@@ -115,11 +122,14 @@ SUITES: dict[str, Callable[[range], Iterator[Task]]] = {
     "two": _two,
     "outside": _outside,
     "background": _background,
+    "clear": _clear,
     "bursts": _bursts,
     "small": _small,
 }
 #: Suites whose true held-out figures are measured.
-MEASURED = ("single", "none", "two", "background")
+MEASURED = ("single", "none", "two", "background", "clear")
+#: Suites whose records have the residual of a real axis in them.
+REAL = ("background", "clear")
 #: Seeds of a full run: at least 20 cases per effect, 100 without, 60 pairs, 108 backgrounds.
 FULL = {
     "single": 20,
@@ -127,6 +137,7 @@ FULL = {
     "two": 15,
     "outside": 3,
     "background": 6,
+    "clear": 6,
     "bursts": 6,
     "small": 3,
 }

@@ -105,9 +105,12 @@ class Trial:
         return min(cosines)
 
     def tells(self, other: Trial) -> float:
-        """Return the block t value by which this effect does better on held-out data."""
+        """Return the block t value by which this effect does better on held-out data.
+
+        Of both folds together: what is better on one and worse on the other is not told.
+        """
         both = zip(self.held, other.held, strict=True)
-        return max(_t(h.fold.block_sums(o.e**2 - h.e**2)) for h, o in both)
+        return _t(np.concatenate([h.fold.block_sums(o.e**2 - h.e**2) for h, o in both]))
 
 
 def attempt(
