@@ -5,7 +5,7 @@
 writes benchmarks/results/diagnosis_times.csv. Each figure is the median of some runs in one warm
 process on an idle machine. The EMPS records are those of the data set; the others are simulated
 with asymmetric, Stribeck and position-dependent friction on the twin's axis, with a hold-out of
-the same length.
+the same length. Of a fleet it is the time per record, the start of the workers included.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from ivtools.record import Record
 
 RESULTS = Path(__file__).parent / "results"
 SECONDS = (12.5, 25.0, 50.0, 100.0)
+FLEET = 12
 
 
 def axis() -> tuple[iv.ClosedLoop, dict[str, float]]:
@@ -56,6 +57,23 @@ def timed(record: Record, holdout: Record | None, repeats: int, cores: int) -> d
     }
 
 
+def fleet(records: list[Record], holdout: Record, repeats: int, n_jobs: int) -> dict[str, object]:
+    """Return the median wall time per record of a fleet, judged by one hold-out."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        found = iv.diagnose_fleet(records, iv.axes.emps(), holdout, n_jobs=n_jobs)
+        times.append((time.perf_counter() - start) / len(records))
+    return {
+        "record": f"{len(records)} records of {records[0].name.partition(',')[0]}",
+        "holdout": holdout.name,
+        "samples": records[0].n_samples,
+        "cores": n_jobs,
+        "seconds": round(float(np.median(times)), 2),
+        "effects": " ".join(found.effects()),
+    }
+
+
 def main() -> None:
     """Measure, write, print."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -65,6 +83,8 @@ def main() -> None:
     pairs = [(emps, pulses), (pulses, emps), (emps, None)]
     pairs += [(moves(*axis(), s, 1), moves(*axis(), s, 2)) for s in SECONDS]
     rows = [timed(a, b, args.repeats, cores) for a, b in pairs for cores in (2, 1)]
+    many = [moves(*axis(), 25.0, seed) for seed in range(3, 3 + FLEET)]
+    rows += [fleet(many, moves(*axis(), 25.0, 1), 3, n_jobs) for n_jobs in (2, 1)]
     table = pd.DataFrame(rows)
     table.to_csv(RESULTS / "diagnosis_times.csv", index=False)
     print(table.to_string(index=False))
