@@ -49,7 +49,7 @@ class Round:
         One rival stays in doubt longer than several: the form of a law is never quite that of the
         axis, which moves a single pair of curves apart that are the same in kind; of several at
         once the better form is the likelier one. Where a gap is left in the end, whatever makes
-        it may decide between them, and the margin is wider.
+        it may decide between a pair: the margin is wider, and no t value tells them apart.
 
         Parameters
         ----------
@@ -62,11 +62,12 @@ class Round:
             return ()
         least = (1.0 - (rules.margin if clean else rules.doubt)) * best.share
         near = [t for t in self.good if t is not best and t.share >= least]
-        twins = [t for t in near if best.overlap(t) > rules.overlap]
-        rivals = tuple(t for t in twins if best.tells(t) < rules.told)
-        if len(rivals) < 2 or not clean:
-            return rivals
-        return tuple(t for t in rivals if best.tells(t) < rules.several)
+        rivals = [t for t in near if best.overlap(t) > rules.overlap]
+        if clean:
+            rivals = [t for t in rivals if best.tells(t) < rules.told]
+        if len(rivals) > 1:
+            rivals = [t for t in rivals if best.tells(t) < rules.several]
+        return tuple(rivals)
 
     def alike(self, least: float) -> set[str]:
         """Return the effects that remove at least this part of what the best one removes."""

@@ -53,7 +53,7 @@ class Rules:
     overlap : float
         which change the error in a way this much correlated, are not told from it, unless
     told : float
-        the block-robust t value of the difference is larger, or
+        the block-robust t value of the difference is larger and nothing else is left, or
     several : float
         larger than this, where there are several such effects.
     refit : int
@@ -75,7 +75,7 @@ class Rules:
     margin: float = 0.12
     doubt: float = 0.25
     overlap: float = 0.6
-    told: float = 4.0
+    told: float = 3.0
     several: float = 2.3
     refit: int = 4
     most: int = 4

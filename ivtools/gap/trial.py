@@ -86,11 +86,25 @@ class Trial:
         """Factor by which the folds disagree in the amplitude; 1 is agreement."""
         return float(np.exp(np.max(np.abs(np.log(np.clip(self.amplitudes[:, 0], 1e-9, None))))))
 
+    @property
+    def inside(self) -> bool:
+        """Whether what must be positive is within its bounds.
+
+        A second mass that would rather be nothing, say, mimics something that is not one.
+        """
+        held = [
+            (fit.values[name], p)
+            for fit in self.fits
+            for name, p in zip(self.term.names, self.term.parameters, strict=True)
+            if p.lower > 0.0 and not p.nuisance
+        ]
+        return all(p.lower < value < p.upper for value, p in held)
+
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates."""
         bar = rules.bar(self.term)
         enough = bool(np.min(self.parts) >= bar.part)
-        return enough and (self._over(bar) or self._over(rules.sure))
+        return enough and self.inside and (self._over(bar) or self._over(rules.sure))
 
     def _over(self, bar: Bar) -> bool:
         share, t = np.min(self.shares), np.min(self.t)
@@ -120,14 +134,15 @@ def attempt(
     term, begin = scores[0].term, starts(sides, fits, scores)
     new = tuple(_extended(s, f, term, b) for s, f, b in zip(sides, fits, begin, strict=True))
     if term.search == "valleys":  # either side may have come deeper
-        new = (_deeper(sides[0], *new), _deeper(sides[1], *new[::-1]))
+        new = (_deeper(sides[0], term, *new), _deeper(sides[1], term, *new[::-1]))
     return Trial(term, new, frozen(sides, new), before)
 
 
-def _deeper(side: Side, own: Fit, other: Fit) -> Fit:
-    """Return the better of a fit and one that starts at the values of the other fold."""
+def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
+    """Return the better of a fit and one that starts with the effect of the other fold."""
     step = steps(side.fold, own.loop, side.scales)
-    again = gauss_newton(side.fold, own.loop, other.values, own.free, step, _PATIENCE)
+    start = {**own.values, **{n: other.values[n] for n in term.names}}
+    again = gauss_newton(side.fold, own.loop, start, own.free, step, _PATIENCE)
     return min(own, again, key=lambda f: f.cost)
 
 
