@@ -16,7 +16,7 @@ from .experiments import Experiment, least, off_limit, play, record
 from .suites import REAL, Task
 
 DETECTABLE = 0.3  # least whitened signature over the noise floor
-_TRIES = 60
+_TRIES = 200
 _BURST = 1.0  # least rms of a burst's mark over the floor, while it lasts
 
 
@@ -53,7 +53,7 @@ def draw(task: Task) -> Case:
     Raises
     ------
     RuntimeError
-        If sixty draws give none.
+        If 200 draws give none.
     """
     for attempt in range(_TRIES):
         case = _attempt(task, np.random.default_rng([attempt, *task.key.encode()]))

@@ -85,7 +85,7 @@ STRIBECK = Term(
             nuisance=True,
         ),
     ),
-    "Fs exp(-|dq/vs|^n) sign(dq), n = 2 if nothing is said; 1 is Tustin's",
+    "Fs exp(-(dq/vs)^2) sign(dq); exponent: another power of |dq/vs|, 1 is Tustin's",
     _ARMSTRONG,
     law=lambda q, dq, ddq, sign, tau, t, fs, vs, n: fs * np.exp(-(np.abs(dq / vs) ** n)) * sign,
     everywhere=True,
