@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 FAR = 0.1  # a step that moves a parameter by more is far from convergence
+HELD = 1e-3  # a step that moves a parameter by less changes no observed direction any more
 _HALVINGS = 6
 
 
@@ -186,6 +187,8 @@ class IDIMIV(Estimator):
 
     def _solve(self, problem: Problem, theta: Array, last: Step | None, far: bool) -> Step:
         system = self.system(problem, theta, far)
+        if last is not None and last.change <= HELD:  # else a sample on the brink flips for ever
+            system = system._replace(X=last.system.X)
         weights = None
         if last is not None and last.near:
             weights = self.row_weights(system, system.y - system.X @ theta, last)
