@@ -20,8 +20,8 @@ from .record import Record
 
 Array = NDArray[np.float64]
 
-PULL = 0.2  # natural frequency of the observer, in that of the loop
-_SLOW = 0.002  # of the sampling rate, for a loop without a mode of its own
+PULL = 0.12  # natural frequency of the observer, in that of the loop
+_SLOW = 0.0012  # of the sampling rate, for a loop without a mode of its own
 _OBSERVER_OPTIONS = ("initial", "substeps", "stiction")
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 FAR = 0.1  # a step that moves a parameter by more is far from convergence
-HELD = 1e-3  # a step that moves a parameter by less changes no observed direction any more
+HELD = 3e-3  # a step that moves a parameter by less changes no observed direction any more
 _HALVINGS = 6
 
 

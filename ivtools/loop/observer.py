@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _DAMPING = 0.7
-_SMOOTHED = 1.5  # cut-off of the smoothing, in natural frequencies of the pull
+_SMOOTHED = 3.0  # cut-off of the smoothing, in natural frequencies of the pull
 _SMOOTHING_ORDER = 2  # the gain 1/(1 + (f/cutoff)^4) is Wiener's for these two errors
 _NONE = ("kp", "kv", "velocity_filter", "added")  # of a controller's mismatch: it is not simulated
 
@@ -75,7 +75,7 @@ def observed_velocity(
     theta : mapping, Series or array_like, optional
         Parameters; default: the starting values.
     pull_hz : float
-        Natural frequency of the pull; the cut-off of the smoothing is 1.5 times that. A faster
+        Natural frequency of the pull; the cut-off of the smoothing is three times that. A faster
         one follows the encoder's noise, a slower one keeps the errors of force and model.
     **options
         As for `ClosedLoop.simulate`.
@@ -90,7 +90,7 @@ def observed_velocity(
     >>> loop, twin = iv.axes.emps(), iv.datasets.twin()
     >>> loop = loop.with_terms("inertia", "asymmetric-friction")
     >>> motion = loop.pipeline(twin).differentiate(twin.q, twin.dt)
-    >>> v = observed_velocity(loop, driven_by(twin.nu, motion, twin), twin.theta_true, 4.0)
+    >>> v = observed_velocity(loop, driven_by(twin.nu, motion, twin), twin.theta_true, 2.5)
     >>> bool(abs(v - motion.dq).max() < 0.02 * abs(v).max())
     True
     """
