@@ -198,13 +198,21 @@ class Problem:
         EstimationError
             If the simulated loop is unstable.
         """
+        X_s, y_s = self.paired_instruments(theta, filtered=filtered, scale_gain=scale_gain)
+        return Pair(self.observed_rows(theta), self.y, X_s, y_s)
+
+    def observed_rows(self, theta: Theta | None) -> Array:
+        """Return the measured rows of `paired_rows`, (N, p)."""
+        return self._directed(self.motion, self.force, self._driven, theta)[:, :-1]
+
+    def paired_instruments(
+        self, theta: Theta | None, *, filtered: bool = True, scale_gain: bool = False
+    ) -> tuple[Array, Array]:
+        """Return the simulated rows of `paired_rows` and their force, (N, p) and (N,)."""
         simulation, motion = self._trajectory(theta, filtered, scale_gain)
         driven = driven_by(simulation.nu, motion, self.record)
-        force = self.pipeline.align(simulation.tau)
-        values = self.loop.values(theta)
-        measured = self._directed(self.motion, self.force, self._driven, values)
-        simulated = self._directed(motion, force, driven, values)
-        return Pair(measured[:, :-1], measured[:, -1], simulated[:, :-1], simulated[:, -1])
+        rows = self._directed(motion, self.pipeline.align(simulation.tau), driven, theta)
+        return rows[:, :-1], rows[:, -1]
 
     @cached_property
     def _driven(self) -> Record:
@@ -222,9 +230,10 @@ class Problem:
         return PULL * natural if natural > 0.0 else _SLOW * self.record.sampling_hz
 
     def _directed(
-        self, motion: Motion, force: Array, driven: Record, values: dict[str, float]
+        self, motion: Motion, force: Array, driven: Record, theta: Theta | None
     ) -> Array:
         """Return the rows of a trajectory in the direction that the observer finds for it."""
+        values = self.loop.values(theta)
         t, dq = self.record.t - self.record.t[0], self._observed(driven, values)
         columns = self.loop.regressor(_turned(motion, dq), force, t)  # (n_samples, p)
         later = np.append(dq[1:], dq[-1:], axis=0)

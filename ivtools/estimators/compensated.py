@@ -64,16 +64,15 @@ class IDIMBCIV(IDIMIV):
 
     key: ClassVar[str] = "idim-bciv"
 
-    def system(self, problem: Problem, theta: Array, scale_gain: bool = False) -> System:
+    def system(
+        self, problem: Problem, theta: Array, scale_gain: bool = False, X: Array | None = None
+    ) -> System:
         """Return the compensated equations and the instruments simulated at theta (p,)."""
-        at = within_bounds(problem, theta)
-        pair = problem.paired_rows(at, filtered=self.filtered, scale_gain=scale_gain)
-        error = pair.y_s - pair.X_s @ at  # (N,)
-        kept = settled_rows(problem)
-        y = pair.y - error
-        return System(
-            pair.X[kept], y[kept], pair.X_s[kept], problem.row_joints[kept], problem.t[kept]
-        )
+        at, kept = within_bounds(problem, theta), settled_rows(problem)
+        X_s, y_s = problem.paired_instruments(at, filtered=self.filtered, scale_gain=scale_gain)
+        y = problem.y - (y_s - X_s @ at)  # (N,)
+        X = problem.observed_rows(at)[kept] if X is None else X
+        return System(X, y[kept], X_s[kept], problem.row_joints[kept], problem.t[kept])
 
     def notes(self, problem: Problem, step: Step) -> tuple[str, ...]:
         """Say what was compensated."""
