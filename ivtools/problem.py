@@ -229,9 +229,7 @@ class Problem:
         natural = self.loop.natural_frequency_hz(self.record.dt, self.start["inertia"])
         return PULL * natural if natural > 0.0 else _SLOW * self.record.sampling_hz
 
-    def _directed(
-        self, motion: Motion, force: Array, driven: Record, theta: Theta | None
-    ) -> Array:
+    def _directed(self, motion: Motion, force: Array, driven: Record, theta: Theta | None) -> Array:
         """Return the rows of a trajectory in the direction that the observer finds for it."""
         values = self.loop.values(theta)
         t, dq = self.record.t - self.record.t[0], self._observed(driven, values)
