@@ -20,8 +20,8 @@ from .record import Record
 
 Array = NDArray[np.float64]
 
-PULL = 0.3  # natural frequency of the observer, in that of the loop
-_SLOW = 0.003  # of the sampling rate, for a loop without a mode of its own
+PULL = 0.12  # natural frequency of the observer, in that of the loop
+_SLOW = 0.0012  # of the sampling rate, for a loop without a mode of its own
 _OBSERVER_OPTIONS = ("initial", "substeps", "stiction")
 
 
@@ -185,8 +185,8 @@ class Problem:
         That of the simulated one is no better where the encoder's noise shakes the axis through
         the controller. An observer knows both (`ivtools.loop.observer`): where its direction
         differs, its velocity is used. A sample with a reversal counts for either direction by its
-        share. What the observer gets wrong of a motion without noise, it gets wrong on the
-        simulated side as well.
+        share (`share_behind`). What the observer gets wrong of a motion without noise, it gets
+        wrong on the simulated side as well.
 
         Parameters
         ----------
@@ -198,13 +198,21 @@ class Problem:
         EstimationError
             If the simulated loop is unstable.
         """
+        X_s, y_s = self.paired_instruments(theta, filtered=filtered, scale_gain=scale_gain)
+        return Pair(self.observed_rows(theta), self.y, X_s, y_s)
+
+    def observed_rows(self, theta: Theta | None) -> Array:
+        """Return the measured rows of `paired_rows`, (N, p)."""
+        return self._directed(self.motion, self.force, self._driven, theta)[:, :-1]
+
+    def paired_instruments(
+        self, theta: Theta | None, *, filtered: bool = True, scale_gain: bool = False
+    ) -> tuple[Array, Array]:
+        """Return the simulated rows of `paired_rows` and their force, (N, p) and (N,)."""
         simulation, motion = self._trajectory(theta, filtered, scale_gain)
         driven = driven_by(simulation.nu, motion, self.record)
-        measured = self._directed(self.motion, self.force, self._observed(self._driven, theta))
-        simulated = self._directed(
-            motion, self.pipeline.align(simulation.tau), self._observed(driven, theta)
-        )
-        return Pair(measured[:, :-1], measured[:, -1], simulated[:, :-1], simulated[:, -1])
+        rows = self._directed(motion, self.pipeline.align(simulation.tau), driven, theta)
+        return rows[:, :-1], rows[:, -1]
 
     @cached_property
     def _driven(self) -> Record:
@@ -221,16 +229,18 @@ class Problem:
         natural = self.loop.natural_frequency_hz(self.record.dt, self.start["inertia"])
         return PULL * natural if natural > 0.0 else _SLOW * self.record.sampling_hz
 
-    def _directed(self, motion: Motion, force: Array, dq: Array) -> Array:
-        """Return the rows of a trajectory that moves in the direction of dq (n_samples, 1)."""
-        t = self.record.t - self.record.t[0]
+    def _directed(self, motion: Motion, force: Array, driven: Record, theta: Theta | None) -> Array:
+        """Return the rows of a trajectory in the direction that the observer finds for it."""
+        values = self.loop.values(theta)
+        t, dq = self.record.t - self.record.t[0], self._observed(driven, values)
         columns = self.loop.regressor(_turned(motion, dq), force, t)  # (n_samples, p)
         later = np.append(dq[1:], dq[-1:], axis=0)
         k = np.flatnonzero(np.sign(dq) * np.sign(later) < (later != 0.0))  # a reversal follows
         part = Motion(*(signal[k] for signal in motion))
-        behind = self.loop.regressor(_turned(part, later[k]), force[k], t[k])
-        share = np.abs(later[k]) / (np.abs(dq[k]) + np.abs(later[k]))  # of the sample, behind it
-        columns[k] += share * (behind - columns[k])
+        change = self.loop.regressor(_turned(part, later[k]), force[k], t[k]) - columns[k]
+        jump = change @ [values[name] for name in self.names]  # of the friction, N or N m
+        kick = np.abs(jump)[:, np.newaxis] * self.record.dt / values["inertia"]  # m/s or rad/s
+        columns[k] += share_behind(np.abs(dq[k]), np.abs(later[k]), kick) * change
         return self.pipeline.rows(np.hstack([columns, force]), self._speed)
 
     def _simulated(
@@ -295,3 +305,28 @@ class Problem:
 def _turned(motion: Motion, dq: Array) -> Motion:
     """Return the motion with the velocity dq where it has another direction."""
     return motion._replace(dq=np.where(np.sign(motion.dq) == np.sign(dq), motion.dq, dq))
+
+
+def share_behind(before: Array, after: Array, kick: Array) -> Array:
+    """Return the share of a sample that lies behind a reversal within it.
+
+    Friction brakes before a reversal, and behind it as well, where the force must overcome it:
+    the speed falls faster than it rises. With a the speed that a whole sample would gain behind
+    the reversal, it would lose a + kick before; so before/(a + kick) + after/a = 1, the shares of
+    the sample, gives a. Straight on, as if kick were 0, the friction would be wrong on average.
+
+    Parameters
+    ----------
+    before, after : (k, 1) ndarray
+        Speed at the sample before the reversal and at the one behind it, m/s or rad/s.
+    kick : (k, 1) ndarray
+        Change of the friction force over a sample by the inertia, m/s or rad/s.
+
+    Examples
+    --------
+    >>> share_behind(np.array([1.0, 0.75]), np.array([1.0, 0.25]), np.array([0.0, 1.0]))
+    array([0.5, 0.5])
+    """
+    twice = before + after - kick
+    gained = 0.5 * (twice + np.sqrt(twice**2 + 4.0 * after * kick))
+    return after / np.maximum(gained, after)

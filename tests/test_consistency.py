@@ -16,9 +16,6 @@ sys.path.insert(0, str(BENCHMARKS))
 import consistency  # noqa: E402
 
 UNBIASED = ("idim-bciv", "idim-piv")
-# At 1e-5 m the encoder's noise shakes the axis by 1 mm/s. What the observer gets wrong of that at
-# the reversals, a tenth of a millisecond each, is noise that is not in the bound.
-SHAKEN = (1e-5, "inertia")
 
 
 def table(seeds, noises, methods):
@@ -50,8 +47,11 @@ def longer():
 
 @pytest.mark.parametrize("method", UNBIASED)
 def test_committed_bias_is_zero(committed, longer, method):
-    check_bias(committed[committed["method"] == method])
-    assert (longer.loc[longer["method"] == method, "bias_percent"].abs() < 0.03).all()
+    for summary in (committed, longer):
+        check_bias(summary[summary["method"] == method])
+    bias = longer[longer["method"] == method].set_index(["parameter", "noise"])
+    assert (bias["bias_percent"].abs() <= 0.03).all()
+    assert (bias.loc["inertia", "t"].abs() < 2.0).all()
 
 
 def test_committed_least_squares_is_biased(committed):
@@ -63,7 +63,7 @@ def test_committed_least_squares_is_biased(committed):
 @pytest.mark.parametrize("method", UNBIASED)
 def test_committed_intervals_cover_what_they_say(committed, longer, method):
     """Two hundred records know a coverage to 1.5 %, a thousand to 0.7 %."""
-    for summary, slack in ((committed, 2.0), (longer, 1.0)):
+    for summary, slack in ((committed, 1.5), (longer, 0.5)):
         coverage = summary[summary["method"] == method]["coverage_percent"]
         assert 92.0 <= coverage.mean() <= 98.0
         assert coverage.between(92.0 - slack, 98.0 + slack).all()
@@ -79,18 +79,17 @@ def test_an_efficient_estimate_attains_the_bound(longer):
 
 @pytest.mark.parametrize(("name", "chance"), [("consistency", 0.1), ("efficiency", 0.0)])
 def test_committed_variance_is_near_the_bound(name, chance):
-    """Within 1.15 of what an efficient estimate has on the same noise, and of the bound itself."""
+    """Within 1.15 of the bound, at 1000 records without allowance for chance."""
     table = pd.read_csv(BENCHMARKS / "results" / f"{name}.csv")
-    refined = table[table["method"] == "idim-piv"].set_index(["noise", "parameter"])
-    shaken, others = refined.loc[SHAKEN], refined.drop(SHAKEN)
-    assert others["variance_over_efficient"].max() < 1.15
-    assert others["variance_over_bound"].max() < 1.15 + chance
-    assert refined["variance_over_bound"].mean() < 1.15
-    assert shaken["variance_over_efficient"] < 1.5
+    refined = table[table["method"] == "idim-piv"]
+    assert refined["variance_over_bound"].max() < 1.15 + chance
+    assert refined["variance_over_efficient"].max() < 1.2 + chance
+    assert refined["variance_over_bound"].mean() < 1.1
 
 
-def test_every_committed_fit_has_converged(committed):
+def test_every_committed_fit_has_converged(committed, longer):
     assert (committed["converged_percent"] == 100.0).all()
+    assert (longer["converged_percent"] == 100.0).all()
 
 
 def test_twelve_records_already_tell(twin):

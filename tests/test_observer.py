@@ -8,6 +8,7 @@ import pytest
 import ivtools as iv
 from ivtools.loop.controllers import Controller
 from ivtools.loop.observer import driven_by, observed_velocity
+from ivtools.problem import share_behind
 from ivtools.record import Record
 
 NOISE = 1e-5  # m, which shakes the axis by 1 mm/s
@@ -51,6 +52,21 @@ def test_the_direction_differs_from_the_true_one_for_a_few_samples_only(twin, lo
     wrong = np.sign(observed(loop, twin, true)) != np.sign(true.dq)
     simulated = np.sign(clean.dq) != np.sign(true.dq)
     assert wrong.sum() < 0.7 * simulated.sum()
+
+
+def test_nothing_pulls_where_the_model_moves_as_the_axis(twin, loop, shaken):
+    """Without noise the observed velocity is the true one, to a hundredth of a sample's change."""
+    clean = shaken[1]
+    error = np.abs(observed(loop, twin, clean, pull_hz=2.5) - clean.dq)
+    assert error[200:-200].max() < 1.2e-5  # m/s
+
+
+def test_the_difference_from_the_measured_motion_is_smoothed_not_filtered(twin, loop, shaken):
+    """The error at the reversals comes near that of Wiener's smoother, 0.06 mm/s."""
+    true, clean = shaken
+    rows = (np.abs(clean.dq) < SLOW) & (twin.t[:, np.newaxis] > 0.2)
+    error = observed(loop, twin, true, pull_hz=2.5) - true.dq
+    assert error[rows].std() < 1.5e-4  # m/s
 
 
 def test_the_controller_of_the_loop_does_not_matter(twin, loop, shaken):
@@ -106,6 +122,14 @@ def test_a_sample_with_a_reversal_counts_for_either_direction(twin, loop):
     np.testing.assert_allclose(ahead + back, 1.0)
     reversals = np.count_nonzero(np.diff(np.sign(clean.dq[200:-200, 0])))
     assert 0 < np.count_nonzero((ahead > 0.0) & (ahead < 1.0)) <= reversals
+
+
+def test_a_reversal_shares_its_sample_by_the_accelerations_on_either_side():
+    """A mass that slows with a1 for (1 - s) dt, and speeds up with a2 for s dt."""
+    dt, a1, a2 = 1e-3, 1.6, 0.7
+    s = np.linspace(0.05, 0.95, 10)[:, np.newaxis]
+    found = share_behind(a1 * (1.0 - s) * dt, a2 * s * dt, np.full_like(s, (a1 - a2) * dt))
+    np.testing.assert_allclose(found, s, rtol=1e-9)
 
 
 def test_a_loop_without_a_mode_of_its_own_has_a_slow_observer(twin, loop):

@@ -13,7 +13,7 @@ import ivtools as iv
 from ivtools.errors import EstimationError
 from ivtools.estimators.bound import cramer_rao, position_autocovariance, sensitivities
 from ivtools.estimators.compensated import IDIMBCIV
-from ivtools.estimators.noise import NoiseModel, segment_starts
+from ivtools.estimators.noise import NoiseModel, segment_starts, taken
 from ivtools.estimators.refined import IDIMPIV, whiteness
 from ivtools.record import Record
 
@@ -56,6 +56,36 @@ def test_filter_is_that_of_generalised_least_squares():
         expected = np.linalg.solve(factor, X[rows]) * model.sigma
         np.testing.assert_allclose(model(X)[rows], expected, atol=1e-7)
     np.testing.assert_allclose(model(X)[:, 0], model(X[:, 0]))
+
+
+def test_what_a_fit_takes_from_the_noise_is_given_back():
+    """The difference of the noise's covariance and that of its residual, averaged per lag."""
+    n, lags = 60, 5
+    acov = arma_acovf(np.r_[1.0, -AR], [1.0], n)
+    model, S = NoiseModel.from_autocovariance(acov[:3]), toeplitz(acov)
+    X = np.column_stack([np.ones(n), np.sin(np.arange(n) / 5.0)])
+    left = np.eye(n) - X @ np.linalg.pinv(X)
+    lost = S - left @ S @ left.T
+    expected = [np.trace(lost, k) / n for k in range(lags + 1)]
+    np.testing.assert_allclose(taken(model, X, lags), expected, rtol=1e-6)
+
+
+def test_a_fit_does_not_narrow_the_model_of_the_noise():
+    """Slow columns take a tenth of the slow noise; the model has its power all the same."""
+    rng, slow = np.random.default_rng(5), np.array([1e-3])
+    t = np.arange(1000) / 1000.0
+    X = np.column_stack([np.cos(np.pi * k * t) for k in range(8)])
+    power = {False: [], True: []}
+    for _ in range(200):
+        e = lfilter([1.0], np.r_[1.0, -AR], rng.standard_normal(len(t)))
+        left = e - X @ np.linalg.lstsq(X, e)[0]
+        for back, found in power.items():
+            model = NoiseModel.fit(left, max_order=20, criterion="bic", fitted=X if back else None)
+            found.append(model.spectrum(slow)[0])
+    true = 1.0 / (1.0 - AR.sum()) ** 2
+    without, given = (np.mean(power[back]) / true for back in (False, True))
+    assert without < 0.95
+    assert abs(given - 1.0) < 0.5 * abs(without - 1.0)
 
 
 def test_segments_shorter_than_the_order_are_filtered_too(noise):

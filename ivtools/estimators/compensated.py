@@ -64,16 +64,15 @@ class IDIMBCIV(IDIMIV):
 
     key: ClassVar[str] = "idim-bciv"
 
-    def system(self, problem: Problem, theta: Array, scale_gain: bool = False) -> System:
+    def system(
+        self, problem: Problem, theta: Array, scale_gain: bool = False, X: Array | None = None
+    ) -> System:
         """Return the compensated equations and the instruments simulated at theta (p,)."""
-        at = within_bounds(problem, theta)
-        pair = problem.paired_rows(at, filtered=self.filtered, scale_gain=scale_gain)
-        error = pair.y_s - pair.X_s @ at  # (N,)
-        kept = settled_rows(problem)
-        y = pair.y - error
-        return System(
-            pair.X[kept], y[kept], pair.X_s[kept], problem.row_joints[kept], problem.t[kept]
-        )
+        at, kept = within_bounds(problem, theta), settled_rows(problem)
+        X_s, y_s = problem.paired_instruments(at, filtered=self.filtered, scale_gain=scale_gain)
+        y = problem.y - (y_s - X_s @ at)  # (N,)
+        X = problem.observed_rows(at)[kept] if X is None else X
+        return System(X, y[kept], X_s[kept], problem.row_joints[kept], problem.t[kept])
 
     def notes(self, problem: Problem, step: Step) -> tuple[str, ...]:
         """Say what was compensated."""
@@ -89,14 +88,14 @@ class IDIMBCIV(IDIMIV):
 def settled_rows(problem: Problem) -> NDArray[np.intp]:
     """Return the rows that no filter has extrapolated into.
 
-    The decimation filter rings over some rows at either end; the differences at the end of the
-    record spoil what the pipeline trims at its head only.
+    The decimation filter rings over some rows at either end. The band-pass spoils what the
+    pipeline trims at its head, at the tail as well, where most of that are the same rows.
     """
     pipeline, record = problem.pipeline, problem.record
     head, tail = pipeline.trim
     ringing = SETTLING_ROWS * pipeline.decimation if pipeline.decimation > 1 else 0
     first = record.t[head] + (ringing - 0.5) * record.dt
-    last = record.t[-1 - max(head, tail)] - (ringing - 0.5) * record.dt
+    last = record.t[-1] - (max(head, tail + ringing) - 0.5) * record.dt
     kept = np.flatnonzero((problem.t > first) & (problem.t < last))
     if len(kept) <= len(problem.names):
         raise EstimationError(

@@ -131,7 +131,9 @@ class DDMIV(IDIMIV):
         inertia_column(problem)
         return super().estimate(problem)
 
-    def system(self, problem: Problem, theta: Array, scale_gain: bool = False) -> System:
+    def system(
+        self, problem: Problem, theta: Array, scale_gain: bool = False, X: Array | None = None
+    ) -> System:
         """Return the equations, and W simulated at theta (p,) as their instruments."""
         column = inertia_column(problem)
         X_s, y_s = problem.simulated_rows(

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 FAR = 0.1  # a step that moves a parameter by more is far from convergence
+HELD = 3e-3  # a step that moves a parameter by less changes no observed direction any more
 _HALVINGS = 6
 
 
@@ -143,8 +144,13 @@ class IDIMIV(Estimator):
         status: dict[str, Any] = dict(n_iter=n_iter, n_simulations=tries, converged=converged)
         return self._results(problem, last, status, failure)
 
-    def system(self, problem: Problem, theta: Array, scale_gain: bool = False) -> System:
-        """Return the equations and the instruments simulated at theta (p,)."""
+    def system(
+        self, problem: Problem, theta: Array, scale_gain: bool = False, X: Array | None = None
+    ) -> System:
+        """Return the equations and the instruments simulated at theta (p,).
+
+        Where X depends on theta, the X (N, p) of an earlier step can be given, and is held.
+        """
         Z = problem.instruments(
             within_bounds(problem, theta), filtered=self.filtered, scale_gain=scale_gain
         )
@@ -185,7 +191,8 @@ class IDIMIV(Estimator):
         return None, _HALVINGS, failure
 
     def _solve(self, problem: Problem, theta: Array, last: Step | None, far: bool) -> Step:
-        system = self.system(problem, theta, far)
+        held = last is not None and last.change <= HELD  # else a sample on the brink may flip on
+        system = self.system(problem, theta, far, last.system.X if last and held else None)
         weights = None
         if last is not None and last.near:
             weights = self.row_weights(system, system.y - system.X @ theta, last)

@@ -34,6 +34,9 @@ class IDIMPIV(IDIMBCIV):
     model no estimator with the same instruments has a smaller variance. The equations are those
     of `IDIMBCIV`.
 
+    A residual is smaller than the noise, by what the fit has taken from it; an autoregressive
+    model is given that back (`ivtools.estimators.noise.taken`), or intervals are too narrow.
+
     Parameters
     ----------
     cov_type, tol, max_iter, start, scale_gain, filtered
@@ -90,6 +93,7 @@ class IDIMPIV(IDIMBCIV):
             kind=self.noise,
             criterion=self.criterion,
             max_order=self.max_order,
+            fitted=system.Z,
         )
 
     def _settled(self, last: Step | None, step: Step) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RecordWarning
+from ..pipeline import Pipeline
 from .controllers import Controller
 
 if TYPE_CHECKING:
@@ -27,11 +28,16 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _DAMPING = 0.7
+_SMOOTHED = 3.0  # cut-off of the smoothing, in natural frequencies of the pull
+_SMOOTHING_ORDER = 2  # the gain 1/(1 + (f/cutoff)^4) is Wiener's for these two errors
 _NONE = ("kp", "kv", "velocity_filter", "added")  # of a controller's mismatch: it is not simulated
 
 
 def driven_by(command: Array, motion: Motion, record: Record) -> Record:
     """Return a record whose known input is a command, and whose reference the measured motion.
+
+    Its velocity is a backward difference, as a digital controller forms its own, so that an
+    observer that moves as the axis is not pulled.
 
     Parameters
     ----------
@@ -42,11 +48,11 @@ def driven_by(command: Array, motion: Motion, record: Record) -> Record:
     record : Record
         Gives the time.
     """
+    q = motion.q
+    dq = np.diff(q, axis=0, prepend=2.0 * q[:1] - q[1:2]) / record.dt  # as a controller forms it
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RecordWarning)  # the record itself has warned
-        return record.replace(
-            q=motion.q, q_ref=motion.q, dq_ref=motion.dq, nu=command, added=command, tau=None
-        )
+        return record.replace(q=q, q_ref=q, dq_ref=dq, nu=command, added=command, tau=None)
 
 
 def observed_velocity(
@@ -54,8 +60,11 @@ def observed_velocity(
 ) -> Array:
     """Return the velocity of the model driven by a recorded command, (n_samples, 1).
 
-    A slow pull towards the measured motion makes up for what the command does not tell: the
-    force noise, and what the model lacks.
+    What the command does not tell, the force noise and what the model lacks, is taken from the
+    measured motion: a slow pull keeps the model near it, and what remains between the two is
+    smoothed, forward and backward, and added. The velocity error of the model falls with the
+    frequency, that of the differentiated position grows with it, so Wiener's smoother of the
+    difference is 1/(1 + (f/cutoff)^4), a Butterworth filter of order 2 in either direction.
 
     Parameters
     ----------
@@ -66,10 +75,14 @@ def observed_velocity(
     theta : mapping, Series or array_like, optional
         Parameters; default: the starting values.
     pull_hz : float
-        Natural frequency of the pull. A faster one follows the encoder's noise, a slower one
-        keeps the errors of force and model for longer.
+        Natural frequency of the pull; the cut-off of the smoothing is three times that. A faster
+        one follows the encoder's noise, a slower one keeps the errors of force and model.
     **options
         As for `ClosedLoop.simulate`.
+
+    References
+    ----------
+    T. Kailath, A. H. Sayed, B. Hassibi, *Linear Estimation*, 2000, ch. 7 (Wiener's smoother).
 
     Examples
     --------
@@ -77,7 +90,7 @@ def observed_velocity(
     >>> loop, twin = iv.axes.emps(), iv.datasets.twin()
     >>> loop = loop.with_terms("inertia", "asymmetric-friction")
     >>> motion = loop.pipeline(twin).differentiate(twin.q, twin.dt)
-    >>> v = observed_velocity(loop, driven_by(twin.nu, motion, twin), twin.theta_true, 3.0)
+    >>> v = observed_velocity(loop, driven_by(twin.nu, motion, twin), twin.theta_true, 2.5)
     >>> bool(abs(v - motion.dq).max() < 0.02 * abs(v).max())
     True
     """
@@ -86,4 +99,7 @@ def observed_velocity(
     unit = values["inertia"] * rate / loop.gain
     pull = Controller("pd", {"kp": unit * rate, "kd": 2.0 * _DAMPING * unit})
     values |= {key: 0.0 for n in _NONE if (key := f"controller-mismatch.{n}") in values}
-    return replace(loop, controller=pull).simulate(driven, values, **options).dq
+    moved = replace(loop, controller=pull).simulate(driven, values, **options)
+    smoother = Pipeline(_SMOOTHED * pull_hz, 1, order=_SMOOTHING_ORDER)
+    rest = smoother.differentiate(driven.q - moved.q, driven.dt).dq
+    return np.where(moved.dq == 0.0, 0.0, moved.dq + rest)  # at standstill, friction holds it
