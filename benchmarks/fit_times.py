@@ -68,6 +68,7 @@ def cases(record: iv.Record):
     yield "idim-iv", lambda: iv.IDIMIV().fit(problem())
     yield "idim-bciv", lambda: iv.IDIMBCIV().fit(problem())
     yield "idim-piv", lambda: iv.IDIMPIV().fit(problem())
+    yield "didim", lambda: iv.DIDIM().fit(problem())
 
 
 def main() -> None:

@@ -27,7 +27,7 @@ _OVER, _FEW = 1.05, 8  # command over its declared limit, in so many samples: it
 _BEYOND = 2.0  # command over its declared limit from which a unit must be wrong
 _INERTIA = (0.05, 20.0)  # of the record per that of the axis file
 SATURATED = 0.2  # share of samples at the limit beyond which nothing else can be said
-_OPEN = 0.6  # and beyond which the limit is no effect any more: nothing controls the axis
+_OPEN = 0.9  # and beyond which the limit is no effect any more: nothing controls the axis
 
 
 @dataclass(frozen=True)
