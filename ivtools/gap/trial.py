@@ -88,17 +88,19 @@ class Trial:
 
     @property
     def inside(self) -> bool:
-        """Whether what must be positive is within its bounds.
+        """Whether no parameter is at a bound; 0 and 1 are the natural ends of a share.
 
-        A second mass that would rather be nothing, say, mimics something that is not one.
+        Bounds are where a model stops to mean what its name says: a second mass that would rather
+        be nothing, or creep instead of ring, mimics something else.
         """
-        held = [
-            (fit.values[name], p)
+        at_bound = (
+            fit.values[name] == bound
             for fit in self.fits
             for name, p in zip(self.term.names, self.term.parameters, strict=True)
-            if p.lower > 0.0 and not p.nuisance
-        ]
-        return all(p.lower < value < p.upper for value, p in held)
+            for bound in (p.lower, p.upper)
+            if bound not in (0.0, 1.0) and not p.nuisance
+        )
+        return not any(at_bound)
 
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates."""

@@ -95,7 +95,7 @@ FLEXIBILITY = Term(
             "damping",
             "1",
             lower=0.0,
-            upper=1.0,
+            upper=0.5,
             neutral=0.02,
             scale="one",
             scan=(0.03,),
