@@ -64,7 +64,7 @@ def test_a_state_space_law_follows_its_matrices():
     A, B, C, D = np.array([[0.5]]), np.array([[1.0, -1.0]]), [[2.0]], [[0.3, 0.1]]
     law = Controller("state-space", {"A": A, "B": B, "C": C, "D": D}).law(DT)
     q_ref, q = np.random.default_rng(1).normal(size=(2, 20))
-    x, expected = 0.0, []
+    x, expected = (q_ref[0] - q[0]) / (1.0 - 0.5), []  # settled at the first sample
     for r, y in zip(q_ref, q, strict=True):
         expected.append(2.0 * x + 0.3 * r + 0.1 * y)
         x = 0.5 * x + r - y

@@ -69,3 +69,21 @@ def test_the_emps_log_shows_delay_0(loop, emps):
 def test_the_emps_pulses_are_not_what_was_recorded(loop, emps_pulses):
     found = parity.check(emps_pulses, loop)
     assert found.mismatch == {"added": pytest.approx(0.0146, abs=5e-4)}
+
+
+@pytest.mark.parametrize("settled", [True, False])
+def test_a_law_with_states_of_its_own_may_begin_anywhere(loop, settled):
+    """Integrator and filtered difference; a record that begins elsewhere, and in motion."""
+    own = {
+        "A": [[1.0, 0.0], [0.0, 0.6]],
+        "B": [[1.0, -1.0], [0.0, 1.0]],
+        "C": [[0.05, 100.0]],
+        "D": [[390.0, -640.0]],
+    }
+    loop = replace(loop, controller=replace(loop.controller, kind="state-space", settings=own))
+    given = iv.datasets.twin()
+    given = given.replace(q=given.q + 0.3, q_ref=given.q_ref + 0.3)
+    sim = loop.simulate(given, THETA, initial="rest", quantum=5e-8)
+    record = given.replace(q=sim.q, nu=sim.nu)
+    found = parity.check(record if settled else record.slice(2500, 14000), loop)
+    assert found.after < 1e-6 and not found.mismatch and found.delay == loop.controller.delay

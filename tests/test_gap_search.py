@@ -96,7 +96,7 @@ def test_records_are_compared_where_both_have_been():
     two = moves.record(loop, theta, 16.0, 2, stroke=(0.0, 0.245))
     gap = iv.diagnose(one, iv.axes.emps(), two)
     assert gap.effects == ("position-friction",)
-    (remark,) = [x for x in gap.advice if "where the other record has not been" in x]
+    (remark,) = [x for x in gap.advice if "where the other record has not" in x]
     assert remark.startswith("16 s, seed 2: ")
     assert gap.traces.keep.sum() > 0.9 * np.sum(two.t > 0.15)  # but judged on all of it
 
@@ -117,3 +117,31 @@ def test_an_interval_holds_the_level_in_95_cases_of_100():
         low, high = _interval(e, Noise())
         held += low <= 1.0 <= high
     assert 0.92 <= held / trials <= 0.98
+
+
+def test_drifts_are_compared_while_both_records_last():
+    """What is fitted in 8 s says nothing of the 12 s behind them."""
+    loop, theta = axis("offset-drift", rate=1.2, curvature=-0.06)
+    one, two = moves.record(loop, theta, 8.0, 1), moves.record(loop, theta, 20.0, 2)
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert gap.effects == ("offset-drift",)
+
+
+def test_an_encoder_that_was_homed_anew_is_still_eccentric():
+    """Its phase is another one in each record."""
+    wave = {"period": 0.004, "sine": 0.0}
+    records = [
+        moves.record(*axis("encoder-eccentricity", cosine=size, **wave), 16.0, seed)
+        for seed, size in ((1, 4e-6), (2, -4e-6))
+    ]
+    gap = iv.diagnose(records[0], iv.axes.emps(), records[1])
+    assert gap.effects == ("encoder-eccentricity",)
+    assert gap.shrink.closed > 0.85
+
+
+def test_a_line_comes_at_least_twice():
+    """What passes for one long wave is a force over position."""
+    loop, theta = axis("cogging", cosine=4.0, sine=2.0, period=0.17)
+    one, two = (moves.record(loop, theta, 16.0, s) for s in (1, 2))
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert not {"cogging", "torque-ripple", "encoder-eccentricity"} & {*gap.effects}

@@ -19,13 +19,14 @@ _SHRINK = ("unit", "before", "after", "floor", "closed", "frozen")
 def load(folder: Path) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
     """Return the table of a folder of results, one row per case, and the rows it came from.
 
-    The answers are scored again, so that a corrected scorer needs no new run.
+    What could not be drawn is no case. The answers are scored again, so that a corrected scorer
+    needs no new run.
     """
     rows = [row for suite in SUITES for row in read(folder / f"{suite}.jsonl")]
     for row in rows:
         if "found" in row:
             row["score"] = score(row["found"], row["label"])
-    return pd.DataFrame([cell(row) for row in rows]), rows
+    return pd.DataFrame([cell(row) for row in rows if row["score"] != "undrawn"]), rows
 
 
 def cell(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,13 +23,16 @@ from .cells import load  # noqa: E402
 _DPI = 110
 
 
-def summary(table: pd.DataFrame, found: calibration.Reliability | None, command: str) -> str:
+def summary(
+    table: pd.DataFrame, found: calibration.Reliability | None, command: str, undrawn: int = 0
+) -> str:
     """Return the summary in Markdown."""
     seeds = f"{table['seed'].min()} to {table['seed'].max()}"
     parts = [
         (
             "Withheld effects: results",
-            f"{len(table)} cases, seeds {seeds}, made by\n\n    {command}",
+            f"{len(table)} cases, seeds {seeds}, made by\n\n    {command}"
+            + f"\n\n{undrawn} more had no detectable case in 200 draws." * bool(undrawn),
         ),
         ("Suites", sections.suites(table) + "\n\n![](scores.png)"),
         ("Single effects", sections.effects(table) + "\n\n![](confusion.png)"),
@@ -84,7 +87,8 @@ def main() -> None:
         figure.savefig(args.out / f"{name}.png", dpi=_DPI)
         plt.close(figure)
         there.add(name)
-    text = summary(table, found, args.command)
+    undrawn = sum(row["score"] == "undrawn" for row in rows)
+    text = summary(table, found, args.command, undrawn)
     for name in ("confusion", "power", "backgrounds", "intervals", "reliability"):
         if name not in there:
             text = text.replace(f"\n\n![]({name}.png)", "")

@@ -262,8 +262,8 @@ def _remarks(
         beyond = 1.0 - compared.fold.n_kept / m.fold.n_kept
         if held_out and not local(m.floor) and beyond > _BEYOND:
             lines.append(
-                f"{name}: {100 * beyond:.0f} % of it lies where the other record has not been; "
-                "effects are named from the rest"
+                f"{name}: in {100 * beyond:.0f} % of it the axis is where the other record has not "
+                "been, or later than that; effects are named from the rest"
             )
         if _delayed(loop, p):
             lines.append(

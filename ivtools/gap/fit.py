@@ -69,6 +69,8 @@ def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:
         for i, name in enumerate(term.names):
             p = term.parameters[i]
             size = abs(shape[p.name]) or scales.natural(term, i, shape)
+            if term.search == "lines" and not p.linear:  # what turns the phase along the stroke
+                size *= min(size / scales.sizes["stroke"], 1.0)
             out[name] = _STEP * (scales.natural(term, i, shape) if p.linear else size)
     return out
 

@@ -112,8 +112,16 @@ class _Signals:
         self.command = loop.command(record)[:, 0]
 
     def law(self, controller: Controller, delay: int) -> Array:
-        """Return the command of the law, before its limit, (n,)."""
-        nu = controller.law(self.dt)(self.q_ref, self.dq_ref, self.q)
+        """Return the command of the law, before its limit, (n,).
+
+        What the law's own states were when the record began, only the record can tell.
+        """
+        law = controller.law(self.dt)
+        nu = law(self.q_ref, self.dq_ref, self.q)
+        if len(law.C):
+            free, n = law.free_response(len(nu)), len(nu) - delay
+            rest = (self.command - self.added)[delay:] - nu[:n]
+            nu = nu + free @ np.linalg.lstsq(free[:n], rest, rcond=1e-9)[0]
         return np.concatenate([np.full(delay, nu[0]), nu[: len(nu) - delay]])
 
     def error(self, controller: Controller, delay: int, added: float) -> Array:

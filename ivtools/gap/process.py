@@ -28,7 +28,7 @@ from .side import Side
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-_BEYOND = 0.05  # of a stroke: as far as a law may be carried beyond it
+_BEYOND = 0.05  # of a stroke or a time: as far as a law may be carried beyond it
 _ENOUGH = 0.3  # of a record must lie where the other one has been, or all of it counts
 _SEGMENTS = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)  # stretches of a record that judges itself
 
@@ -152,14 +152,16 @@ def _masked(m: Measured) -> Measured:
 
 
 def _within(m: Measured, other: Measured) -> Measured:
-    """Leave out positions where the other record has not been.
+    """Leave out positions where the other record has not been, and times that it has not seen.
 
     What a law does there, the other record cannot say: a parabola that fits a stroke goes far
     astray beyond it, and an effect that is there would not replicate.
     """
-    q, seen = (x.side.fold.record.q[:, 0] for x in (m, other))
-    margin = _BEYOND * float(np.ptp(seen))
-    inside = (q >= np.min(seen) - margin) & (q <= np.max(seen) + margin)
+    inside = np.ones(m.fold.record.n_samples, dtype=bool)
+    for signal in (lambda r: r.q[:, 0], lambda r: r.t - r.t[0]):
+        here, seen = (signal(x.fold.record) for x in (m, other))
+        margin = _BEYOND * float(np.ptp(seen))
+        inside &= (here >= np.min(seen) - margin) & (here <= np.max(seen) + margin)
     kept = float(np.mean(inside[m.side.fold.keep]))
     return _kept(m, inside) if _ENOUGH < kept < 1.0 else m
 

@@ -67,7 +67,7 @@ class Replica:
             return "not seen"
         if self.units[name] == "%":
             return f"{100 * value:+.2g} %"
-        return quantity(value, self.units[name])
+        return quantity(value, self.units[name].removeprefix("1"))
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the replica."""

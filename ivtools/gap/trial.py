@@ -91,8 +91,16 @@ class Trial:
         """Whether no parameter is at a bound; 0 and 1 are the natural ends of a share.
 
         Bounds are where a model stops to mean what its name says: a second mass that would rather
-        be nothing, or creep instead of ring, mimics something else.
+        be nothing, or creep instead of ring, or a line that does not come twice, mimics something
+        else.
         """
+        periods = (
+            f.values[f"{self.name}.period"] / float(np.ptp(f.fold.record.q))
+            for f in self.fits
+            if self.term.search == "lines"
+        )
+        if max(periods, default=0.0) > 0.5:
+            return False
         at_bound = (
             fit.values[name] == bound
             for fit in self.fits
@@ -150,13 +158,16 @@ def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
 
 def frozen(sides: tuple[Side, ...], fits: tuple[Fit, ...]) -> tuple[Fit, ...]:
     """Tune the base parameters on each fold, with the effects that the other fold found."""
-    return (_retuned(sides[0], fits[1]), _retuned(sides[1], fits[0]))
+    one, two = fits
+    return (_retuned(sides[0], two, one), _retuned(sides[1], one, two))
 
 
-def _retuned(side: Side, fit: Fit) -> Fit:
-    free = [n for n in fit.free if "." not in n or n in phases(fit.loop)]
+def _retuned(side: Side, fit: Fit, own: Fit) -> Fit:
+    turned = phases(fit.loop)
+    free = [n for n in fit.free if "." not in n or n in turned]
+    start = {**fit.values, **{n: own.values[n] for n in turned}}
     step = steps(side.fold, fit.loop, side.scales)
-    return gauss_newton(side.fold, fit.loop, fit.values, free, step, iterations=3)
+    return gauss_newton(side.fold, fit.loop, start, free, step, iterations=3)
 
 
 def phases(loop: ClosedLoop) -> set[str]:

@@ -52,16 +52,38 @@ class LinearLaw:
         """Return the command, before its limit, of this law fed with a trajectory, (n_samples,).
 
         The first ``len(taps) - 1`` values assume that the position before the record lies on the
-        straight line through its first two samples.
+        straight line through its first two samples; the state-space part begins settled at the
+        first sample.
         """
         before = q[0] + (q[0] - q[1]) * np.arange(len(self.taps) - 1, 0, -1)
         nu = np.convolve(np.concatenate([before, q]), self.taps, mode="valid")
         nu = nu + self.gains[0] * q_ref + self.gains[1] * dq_ref
         if len(self.C):
-            inputs = np.column_stack([q_ref, q])
-            system = (self.A, self.B, self.C[None, :], self.D[None, :], 1.0)
-            nu = nu + signal.dlsim(system, inputs)[1][:, 0]
+            for i, u in enumerate((q_ref, q)):
+                nu = nu + self._filtered(self.B[:, i], self.D[i], u)
+            nu = nu + self.free_response(len(q)) @ self.settled(q_ref[0], q[0])
         return nu
+
+    def settled(self, q_ref: float, q: float, command: float | None = None) -> Array:
+        """Return the state, (n,), that stays as it is with these inputs, and gives this command."""
+        u = np.array([q_ref, q])
+        rows, wanted = np.eye(len(self.C)) - self.A, self.B @ u
+        if command is not None:
+            rows = np.vstack([rows, self.C])
+            wanted = np.append(wanted, command - self.D @ u)
+        return np.asarray(np.linalg.lstsq(rows, wanted, rcond=None)[0], dtype=float)
+
+    def free_response(self, n_samples: int) -> Array:
+        """Return the command that each state makes by itself, (n_samples, n)."""
+        pulse = np.zeros(n_samples + 1)
+        pulse[0] = 1.0
+        columns = [self._filtered(b, 0.0, pulse)[1:] for b in np.eye(len(self.C))]
+        return np.array(columns).reshape(len(self.C), n_samples).T
+
+    def _filtered(self, b: Array, d: float, u: Array) -> Array:
+        """Return the answer of the state-space part, from rest, to one input, (n_samples,)."""
+        over, under = signal.ss2tf(self.A, b[:, None], self.C[None, :], np.array([[d]]))
+        return np.asarray(signal.lfilter(over[0], under, u), dtype=float)
 
 
 def backward_difference(velocity_filter: ArrayLike, dt: float) -> Array:

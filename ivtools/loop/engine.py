@@ -182,11 +182,7 @@ def _inner_state(law: LinearLaw, initial: Any, q_ref: float, q: float, command: 
     """Return the controller's own state: steady, and giving the command that the record has."""
     if not len(law.C) or isinstance(initial, tuple):
         return np.zeros(len(law.C))
-    u, identity = np.array([q_ref, q]), np.eye(len(law.C))
-    if initial == "rest":
-        return np.linalg.lstsq(identity - law.A, law.B @ u, rcond=None)[0]
-    system = np.vstack([identity - law.A, law.C])
-    return np.linalg.lstsq(system, np.append(law.B @ u, command - law.D @ u), rcond=None)[0]
+    return law.settled(q_ref, q, None if initial == "rest" else command)
 
 
 def _state(q: Array, dt: float) -> tuple[float, float]:

@@ -45,7 +45,7 @@ def dominant_mode_hz(loop: ClosedLoop, inertia: float, viscous: float, dt: float
     22
     """
     poles = np.linalg.eigvals(transition(loop, inertia, viscous, dt))
-    rates = np.abs(np.log(poles[np.abs(poles) > _GONE])) / dt
+    rates = np.abs(np.log(poles[np.abs(poles) > _GONE].astype(complex))) / dt
     return float(min(rates[rates * dt > _GONE], default=np.nan)) / (2.0 * np.pi)
 
 
