@@ -41,10 +41,11 @@ def doubts(record: Record, loop: ClosedLoop) -> tuple[str, ...]:
     expected, recorded = commands
     ratio = float(np.std(expected) / np.std(recorded))
     found = []
+    units = "m? mm?" if loop.joint == "prismatic" else "rad? degrees?"
     if not 1.0 / ABSURD < ratio < ABSURD:
         found.append(
             f"the controller of the axis file would command {ratio:.2g} times what was recorded; "
-            "check the units of q (m? mm?) and of the command, and the gains"
+            f"check the units of q ({units}) and of the command, and the gains"
         )
     elif np.corrcoef(expected, recorded)[0, 1] < -0.5:
         found.append(

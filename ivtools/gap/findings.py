@@ -174,6 +174,10 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > _GROSS}
     if parity.trustworthy and not gross:
         return []
+    other = hints.shown(record, loop)
+    if gross and other is not None and other.kind != loop.controller.kind:
+        text = f"the record shows {hints.described(other)}; the axis file says kind "
+        return [Finding(f"{text}{loop.controller.kind}: correct [controller]")]
     if gross and parity.trustworthy:
         settings = loop.controller.settings
         text = ", ".join(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..errors import IVToolsError
 
 if TYPE_CHECKING:
-    from ..loop import ClosedLoop
+    from ..loop import ClosedLoop, Controller
     from ..record import Record
 
 Array = NDArray[np.float64]
@@ -95,13 +95,22 @@ def _factor(record: Record, loop: ClosedLoop, delay: int) -> tuple[float, float]
     return float(weights[0]), float(np.linalg.norm(nu - X @ weights)) / whole
 
 
-def law(record: Record, loop: ClosedLoop) -> str:
-    """Say which law the record shows; nothing if none fits."""
+def shown(record: Record, loop: ClosedLoop) -> Controller | None:
+    """Return the controller that the record shows; None if no law fits."""
     try:
         fit = loop.identify_controller(record)[1]
     except IVToolsError:
-        return ""
-    if fit.residual > _LAW:
-        return ""
-    gains = ", ".join(f"{k} = {v:.4g}" for k, v in fit.controller.settings.items())
-    return f" (the record shows kind {fit.controller.kind}, {gains})"
+        return None
+    return fit.controller if fit.residual <= _LAW else None
+
+
+def law(record: Record, loop: ClosedLoop) -> str:
+    """Say which law the record shows; nothing if none fits."""
+    found = shown(record, loop)
+    return "" if found is None else f" (the record shows {described(found)})"
+
+
+def described(controller: Controller) -> str:
+    """Return kind and gains as text."""
+    gains = ", ".join(f"{k} = {v:.4g}" for k, v in controller.settings.items())
+    return f"kind {controller.kind}, {gains}"
