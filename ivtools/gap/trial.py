@@ -19,7 +19,8 @@ from .starts import starts
 
 Array = NDArray[np.float64]
 
-_PATIENCE = 24  # Jacobians of a fit: a narrow valley bends
+_BENDS = 24  # Jacobians that follow a narrow valley
+_DEEP = 0.9  # of the energy: a valley that leaves more is not worth following
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,17 +144,21 @@ def attempt(
     """Fit an effect on each fold, and judge it on the other."""
     term, begin = scores[0].term, starts(sides, fits, scores)
     new = tuple(_extended(s, f, term, b) for s, f, b in zip(sides, fits, begin, strict=True))
-    if term.search == "valleys":  # either side may have come deeper
+    deep = any(n.cost < _DEEP * f.cost for n, f in zip(new, fits, strict=True))
+    if term.search == "valleys" and deep:  # either side may have come deeper
         new = (_deeper(sides[0], term, *new), _deeper(sides[1], term, *new[::-1]))
     return Trial(term, new, frozen(sides, new), before)
 
 
 def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
-    """Return the better of a fit and one that starts with the effect of the other fold."""
+    """Return the better of a fit that goes on, and one that starts with the other fold's effect."""
     step = steps(side.fold, own.loop, side.scales)
-    start = {**own.values, **{n: other.values[n] for n in term.names}}
-    again = gauss_newton(side.fold, own.loop, start, own.free, step, _PATIENCE)
-    return min(own, again, key=lambda f: f.cost)
+    from_other = {**own.values, **{n: other.values[n] for n in term.names}}
+    both = (
+        gauss_newton(side.fold, own.loop, start, own.free, step, _BENDS)
+        for start in (own.values, from_other)
+    )
+    return min(both, key=lambda f: f.cost)
 
 
 def frozen(sides: tuple[Side, ...], fits: tuple[Fit, ...]) -> tuple[Fit, ...]:
@@ -183,7 +188,7 @@ def _extended(side: Side, fit: Fit, term: Term, begin: list[dict[str, float]]) -
         loop = fit.loop.with_effect(term, **values)
         step = steps(side.fold, loop, side.scales)
         free = [*fit.free, *_free(term, values)]
-        found.append(gauss_newton(side.fold, loop, loop.values(fit.values), free, step, _PATIENCE))
+        found.append(gauss_newton(side.fold, loop, loop.values(fit.values), free, step))
     return min(found, key=lambda f: f.cost)
 
 
