@@ -174,8 +174,8 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > _GROSS}
     if parity.trustworthy and not gross:
         return []
-    other = hints.shown(record, loop)
-    if gross and other is not None and other.kind != loop.controller.kind:
+    other = hints.shown(record, loop) if gross else None
+    if other is not None and other.kind != loop.controller.kind:
         text = f"the record shows {hints.described(other)}; the axis file says kind "
         return [Finding(f"{text}{loop.controller.kind}: correct [controller]")]
     if gross and parity.trustworthy:
@@ -188,7 +188,7 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
         return [
             Finding(
                 f"the record shows other controller settings than the axis file ({text}); "
-                f"correct [controller] and diagnose again{hints.law(record, loop)}"
+                f"correct [controller] and diagnose again{hints.law(other)}"
             )
         ]
     doubts = checks.doubts(record)

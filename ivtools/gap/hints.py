@@ -57,7 +57,7 @@ def command(record: Record, loop: ClosedLoop, delay: int, left: float) -> str:
         Error of the law, relative.
     """
     factor, rest = _factor(record, loop, delay)
-    found = law(record, loop)
+    found = law(shown(record, loop))
     if rest > _FITS:
         return (
             f"the control law reproduces the recorded command only to {100 * left:.0f} %; check "
@@ -104,9 +104,8 @@ def shown(record: Record, loop: ClosedLoop) -> Controller | None:
     return fit.controller if fit.residual <= _LAW else None
 
 
-def law(record: Record, loop: ClosedLoop) -> str:
+def law(found: Controller | None) -> str:
     """Say which law the record shows; nothing if none fits."""
-    found = shown(record, loop)
     return "" if found is None else f" (the record shows {described(found)})"
 
 
