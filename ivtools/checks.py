@@ -70,6 +70,9 @@ def _check_shapes(record: Record) -> None:
             raise ShapeError(
                 f"{signal} has {values.shape[1]} joints and q {record.n_joints}; both must match"
             )
+    for name, column in record.extra.items():
+        if len(column) != n:
+            raise ShapeError(f"{name} has {len(column)} samples and t {n}; both must match")
     if n < MIN_SAMPLES:
         raise RecordError(f"t has {n} samples, fewer than {MIN_SAMPLES}; log a longer record")
     if not record.n_joints:
@@ -79,12 +82,14 @@ def _check_shapes(record: Record) -> None:
 
 
 def _check_values(record: Record) -> None:
-    for signal, values in {"t": record.t[:, None], **record.signals}.items():
+    further = {name: column[:, None] for name, column in record.extra.items()}
+    for signal, values in {"t": record.t[:, None], **record.signals, **further}.items():
         broken = ~np.isfinite(values)
         if broken.any():
             row, joint = (int(i) for i in np.argwhere(broken)[0])
             kind = "NaN" if np.isnan(values[row, joint]) else "infinite"
-            column = "t" if signal == "t" else column_name(signal, joint, record.n_joints)
+            own = signal in record.signals
+            column = column_name(signal, joint, record.n_joints) if own else signal
             raise RecordError(
                 f"{column} is {kind} at row {row} ({COUNTED}); keep a part without it"
             )

@@ -10,7 +10,7 @@ import numpy as np
 
 from ivtools.errors import RecordError, ShapeError
 
-__all__ = ["SIGNALS", "column_name", "match_columns", "pick_signals"]
+__all__ = ["SIGNALS", "column_name", "match_columns", "pick_further", "pick_signals"]
 
 #: Signals of a record and what they mean, in the order of the columns of a file.
 SIGNALS = {
@@ -104,6 +104,30 @@ def pick_signals(
     """Return the signals of a table, several joints side by side, by our names."""
     table = {str(name): values for name, values in table.items()}
     return {signal: _stack(table, names) for signal, names in match_columns(table, columns).items()}
+
+
+def pick_further(
+    table: Mapping[str, Any], columns: Mapping[str, str] | None, n_samples: int
+) -> dict[str, Any]:
+    """Return the columns that are no signal of a record, by their names without the unit.
+
+    A control law may have seen them. What is not a finite number in every row is left out.
+
+    Examples
+    --------
+    >>> sorted(pick_further({"t": [0, 1], "q": [0, 1], "strain [V]": [2, 3]}, None, 2))
+    ['strain']
+    """
+    table = {str(name): values for name, values in table.items()}
+    signals = match_columns(table, columns)
+    taken = {name for names in signals.values() for name in names}
+    found: dict[str, Any] = {}
+    for name in table.keys() - taken:
+        plain, values = _plain(name)[0], np.asarray(table[name])
+        usable = values.shape == (n_samples,) and values.dtype.kind in "biuf"
+        if usable and plain and plain not in signals and np.isfinite(values).all():
+            found[plain] = values.astype(float)
+    return dict(sorted(found.items()))
 
 
 def _stack(table: Mapping[str, Any], names: list[str]) -> Any:

@@ -76,7 +76,10 @@ def read_table(
 def frame_table(
     frame: pd.DataFrame, columns: Mapping[str, str] | None = None
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a DataFrame that make up a record; a named index is a column."""
+    """Return a record's columns of a DataFrame, and what else it has in numbers.
+
+    A named index is a column.
+    """
     if frame.index.name is not None and frame.index.name not in frame.columns:
         frame = frame.reset_index()
     names = [str(name) for name in frame.columns]
@@ -84,7 +87,7 @@ def frame_table(
     return {
         name: _numbers(name, frame.iloc[:, position])
         for position, name in enumerate(names)
-        if name in wanted
+        if name in wanted or frame.iloc[:, position].dtype.kind in "biuf"
     }
 
 
@@ -152,7 +155,9 @@ def _read_mat(
     if len(emps) < 3 or "q" in table:
         return table, ()
     ours = {**emps, **(columns or {})}
-    return {**table, **{k: table[v] for k, v in emps.items() if ours[k] == v}}, ("EMPS file",)
+    named = {*(columns or {}).values()}
+    rest = {k: v for k, v in table.items() if k not in emps.values() or k in named}
+    return {**rest, **{k: table[v] for k, v in emps.items() if ours[k] == v}}, ("EMPS file",)
 
 
 def _vector(values: Any) -> Any:

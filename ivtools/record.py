@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ivtools import checks
-from ivtools.columns import SIGNALS, column_name, pick_signals
+from ivtools.columns import SIGNALS, column_name, pick_further, pick_signals
 from ivtools.errors import IVToolsError, RecordError, RecordWarning, ShapeError
 
 if TYPE_CHECKING:
@@ -54,6 +54,9 @@ class Record:
         True parameters, for a simulated record.
     notes : tuple of str
         What a reader should know: how the file was read, jitter, suspicions.
+    extra : mapping of str to array_like, shape (n,), optional
+        Further logged columns by name, in the file's own units: what a control law may also have
+        seen (a strain, a load's encoder, a feed-forward).
 
     Raises
     ------
@@ -90,6 +93,7 @@ class Record:
     name: str = "record"
     theta_true: Mapping[str, float] | None = None
     notes: tuple[str, ...] = ()
+    extra: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         t = _frozen_array("t", self.t)
@@ -101,6 +105,8 @@ class Record:
         for signal in SIGNALS:
             if getattr(self, signal) is not None:
                 _set(self, signal, _frozen_array(signal, getattr(self, signal)))
+        further = {str(k): _frozen_array(k, v)[:, 0] for k, v in self.extra.items()}
+        _set(self, "extra", further)
         if self.theta_true is not None:
             _set(self, "theta_true", {k: float(v) for k, v in self.theta_true.items()})
         checks.check(self)
@@ -202,7 +208,9 @@ class Record:
         >>> Record.from_dict({"t": t, "x": np.sin(t), "nu": np.cos(t)}, columns={"q": "x"}).n_joints
         1
         """
-        return cls(**pick_signals(table, columns), name=name, notes=notes)
+        signals = pick_signals(table, columns)
+        further = pick_further(table, columns, len(np.ravel(signals["t"])))
+        return cls(**signals, name=name, notes=notes, extra=further)
 
     def to_frame(self) -> pd.DataFrame:
         """Return a DataFrame with the columns of a record file."""
@@ -212,7 +220,7 @@ class Record:
         for signal, values in self.signals.items():
             for joint, column in enumerate(values.T):
                 table[column_name(signal, joint, self.n_joints)] = column
-        return pd.DataFrame(table)
+        return pd.DataFrame({**table, **self.extra})
 
     def replace(self, **changes: Any) -> Record:
         """Return a validated record with some fields changed, for instance ``nu`` or ``name``."""
@@ -224,13 +232,14 @@ class Record:
         """Return the samples from ``start`` to before ``stop``; time is kept as it was."""
         rows = slice(start, stop)
         parts = {name: values[rows] for name, values in self.signals.items()}
-        return self.replace(t=self.t[rows], **parts)
+        further = {name: values[rows] for name, values in self.extra.items()}
+        return self.replace(t=self.t[rows], extra=further, **parts)
 
     def __repr__(self) -> str:
         joints = f"{self.n_joints} joint{'s' if self.n_joints > 1 else ''}"
         return (
             f"Record {self.name!r}: {self.n_samples} samples at {self.sampling_hz:g} Hz, {joints}, "
-            f"signals {', '.join(self.signals)}"
+            f"signals {', '.join([*self.signals, *self.extra])}"
         )
 
     def _repr_html_(self) -> str:

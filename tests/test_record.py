@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from ivtools.errors import RecordWarning
+from ivtools.errors import RecordError, RecordWarning, ShapeError
 from ivtools.record import Record
 
 
@@ -268,3 +268,19 @@ def test_a_frame_gives_the_record_back(n, joints, seed, scale):
         patch.setattr("ivtools.checks.FASTEST_MOTION", np.inf)
         record = Record(np.arange(n) * 1e-3, scale * noise[0], nu=noise[1], dq=noise[2])
         assert same(Record.from_frame(record.to_frame()), record)
+
+
+def test_further_columns_are_kept_as_they_are(tmp_path):
+    t = np.arange(300) * 1e-3
+    table = {"t": t, "pos": np.sin(t), "nu": np.cos(t), "strain [V]": t**2, "state": ["run"] * 300}
+    path = tmp_path / "log.csv"
+    pd.DataFrame(table).to_csv(path, index=False)
+    record = Record.read(path, {"q": "pos"})
+    assert list(record.extra) == ["strain"] and record.extra["strain"] == pytest.approx(t**2)
+    part = record.slice(20, 250)
+    assert part.extra["strain"] == pytest.approx(t[20:250] ** 2)
+    assert "strain" in part.to_frame() and "strain" in repr(part)
+    with pytest.raises(ShapeError, match="strain has 3 samples and t 300"):
+        record.replace(extra={"strain": [1.0, 2.0, 3.0]})
+    with pytest.raises(RecordError, match="strain is NaN at row 5"):
+        record.replace(extra={"strain": np.where(np.arange(300) == 5, np.nan, t)})

@@ -69,7 +69,7 @@ class Source:
         """
         if isinstance(self.given, Record) or self._registered:
             record = self.read()
-            return digest(record.t, record.signals)
+            return digest(record.t, record.signals, record.extra)
         try:
             with open(self.given, "rb") as file:
                 return digest(hashlib.file_digest(file, "sha256").hexdigest(), self.columns)
