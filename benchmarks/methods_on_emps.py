@@ -15,9 +15,9 @@ import ivtools as iv
 from ivtools.errors import ConvergenceWarning, IVToolsError
 from ivtools.estimators import FUNCTIONS, METHODS, function_cases
 from ivtools.estimators.base import estimator_class
-from ivtools.estimators.toolboxes import NOTES, fit_cases
 from ivtools.leaderboard import free_run
 from ivtools.problem import Problem
+from ivtools.reproduce.toolboxes import NOTES, fit_cases
 from ivtools.transfer_table import orders, shown_poles
 
 RESULTS = Path(__file__).parent / "results"

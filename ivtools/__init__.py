@@ -17,6 +17,7 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
     from ivtools import datasets as datasets
     from ivtools import errors as errors
     from ivtools import estimators as estimators
+    from ivtools.comparison import compare as compare
     from ivtools.estimators.compensated import IDIMBCIV as IDIMBCIV
     from ivtools.estimators.instrumental import IDIMIV as IDIMIV
     from ivtools.estimators.least_squares import IDIMLS as IDIMLS
@@ -28,7 +29,6 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
     from ivtools.record import Record as Record
     from ivtools.results import FitResults as FitResults
     from ivtools.results import TestResult as TestResult
-    from ivtools.results import compare as compare
 
 __version__ = "0.1.0"
 
@@ -64,7 +64,7 @@ _NAMES = {
     "Problem": "problem",
     "FitResults": "results",
     "TestResult": "results",
-    "compare": "results",
+    "compare": "comparison",
     **dict.fromkeys(_ESTIMATORS, "estimators"),
     "drive_gain": "estimators.drive_gain",
     "Case": "study",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from ivtools.display import Displayed
 from ivtools.errors import IVToolsError
 from ivtools.tables import WIDTH, Text, table
 from ivtools.transfer_table import TransferTable
@@ -34,7 +35,7 @@ LABELS = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison:
+class Comparison(Displayed):
     """Results side by side.
 
     Attributes
@@ -133,14 +134,6 @@ class Comparison:
         if self.functions is not None:
             out["transfer_functions"] = self.functions.to_dict()
         return out
-
-    def __repr__(self) -> str:
-        return str(self.summary())
-
-    __str__ = __repr__
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
 
 
 def compare(

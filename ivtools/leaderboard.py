@@ -10,11 +10,12 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
+from ivtools.display import Displayed
 from ivtools.errors import ConvergenceWarning, IVToolsError
 from ivtools.estimators.base import Estimator, estimator_class
 from ivtools.estimators.closed_loop_srivc import CLSRIVC
@@ -110,7 +111,7 @@ OURS: Mapping[str, tuple[str | SRIVC, tuple[str, ...]]] = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Leaderboard:
+class Leaderboard(Displayed):
     """Free-run errors of all models, the smallest first.
 
     Attributes
@@ -118,6 +119,8 @@ class Leaderboard:
     entries : tuple of Entry
     notes : tuple of str
     """
+
+    figure: ClassVar[str] = "leaderboard"
 
     entries: tuple[Entry, ...]
     notes: tuple[str, ...] = NOTES
@@ -155,18 +158,6 @@ class Leaderboard:
             lines.append(f"| {' | '.join([e.label, e.source, *cells])} |")
         command = "Made by `ivtools benchmark leaderboard --out benchmarks/results`."
         return "\n".join([command, "", *lines, "", *(f"- {note}" for note in self.notes), ""])
-
-    def __repr__(self) -> str:
-        return str(self.summary())
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
-
-    def plot(self, **options: Any) -> Any:
-        """Draw the free-run errors beside the closed-loop force errors."""
-        from ivtools import plots
-
-        return plots.leaderboard(self, **options)
 
 
 def leaderboard(

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,13 +17,10 @@ from numpy.typing import NDArray
 from scipy.special import erfc, ndtri
 
 from ivtools import linalg
-from ivtools.comparison import Comparison as Comparison
-from ivtools.comparison import compare as compare
+from ivtools.display import Displayed
 from ivtools.tables import Text, table, two_columns
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ivtools.problem import Problem
 
 Array = NDArray[np.float64]
@@ -133,7 +130,7 @@ def _test(name: str, summary: str) -> Callable[..., TestResult]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FitResults:
+class FitResults(Displayed):
     """Result of one fit; nothing in it changes.
 
     Attributes
@@ -180,6 +177,8 @@ class FitResults:
     >>> fit.nobs, round(fit.relative_error, 2)
     (50, 4.25)
     """
+
+    figure: ClassVar[str] = "force"
 
     method: str
     params: pd.Series
@@ -427,15 +426,6 @@ class FitResults:
         pairs = zip(self.params.to_list(), self.std_errors.to_list(), strict=True)
         shown = ", ".join(f"{n} {_digits(*p)[0]}" for n, p in zip(self.names, pairs, strict=True))
         return f"<FitResults {self.method}: {shown}; relative error {self.relative_error:.3f} %>"
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
-
-    def plot(self, **options: Any) -> Figure:
-        """Draw the measured against the reconstructed force, the error under it."""
-        from ivtools import plots
-
-        return plots.force(self, **options)
 
     wu_hausman = _test("wu_hausman", "Test whether the columns are exogenous.")
     hausman_contrast = _test("hausman_contrast", "Test instrumental variables against LS.")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from ivtools.display import Displayed
 from ivtools.errors import IVToolsError
 from ivtools.tables import Text, table
 
@@ -25,7 +26,7 @@ NOTE = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TransferTable:
+class TransferTable(Displayed):
     """Transfer functions side by side.
 
     Attributes
@@ -116,12 +117,6 @@ class TransferTable:
             if case not in found or fit.relative_error < found[case].relative_error:
                 found[case] = fit
         return tuple(found.values())
-
-    def __repr__(self) -> str:
-        return str(self.summary())
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
 
 
 def case_of(fit: TransferFunctionResults) -> str:

@@ -9,9 +9,10 @@ import pandas as pd
 import pytest
 
 import ivtools.results as results_module
+from ivtools.comparison import compare
 from ivtools.errors import EstimationError, IVToolsError
 from ivtools.pipeline import Pipeline
-from ivtools.results import FitResults, TestResult, compare
+from ivtools.results import FitResults, TestResult
 from ivtools.tables import Text, table
 
 NAMES = ("inertia", "viscous", "coulomb", "offset")

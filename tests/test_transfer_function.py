@@ -20,11 +20,11 @@ from ivtools.estimators.continuous import (
     respond,
 )
 from ivtools.estimators.structure import search_structures
-from ivtools.estimators.toolboxes import report_cases
 from ivtools.estimators.transfer_function import SRIVC
 from ivtools.loop.controllers import Controller, LinearLaw
 from ivtools.problem import Problem
 from ivtools.record import Record
+from ivtools.reproduce.toolboxes import report_cases
 
 DT, N = 1e-3, 8000
 COLOUR = (1.0, -0.9998)  # a position that drifts
@@ -167,8 +167,8 @@ def test_results_are_python_control_systems():
 
 
 def test_compare_sets_them_beside_the_parameters():
+    from ivtools.comparison import compare
     from ivtools.estimators.least_squares import IDIMLS
-    from ivtools.results import compare
 
     problem = open_loop([0.37], [1.0, 4.0, 0.0])
     fits = [IDIMLS().fit(problem), SRIVC(poles=2, integrators=1).fit(problem)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import json
-import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from ivtools.display import plain
 from ivtools.errors import DataError
 
 if TYPE_CHECKING:
@@ -71,24 +71,6 @@ def write_page(page: Page, folder: Path, name: str = "report.html") -> Path:
     """
     with writing(folder):
         return page.write(folder / name, figures=True)
-
-
-def plain(content: Any) -> Any:
-    """Return a result as JSON has it: floats that are not finite are None.
-
-    Examples
-    --------
-    >>> plain({"a": (1.0, float("nan"))})
-    {'a': [1.0, None]}
-    """
-    if isinstance(content, Mapping):
-        return {str(key): plain(value) for key, value in content.items()}
-    if isinstance(content, str) or content is None or isinstance(content, bool | int):
-        return content
-    if isinstance(content, Sequence):
-        return [plain(value) for value in content]
-    number = float(content)
-    return number if math.isfinite(number) else None
 
 
 @contextmanager

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from ivtools.display import Displayed
 from ivtools.tables import Text, table, two_columns
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DriveGain:
+class DriveGain(Displayed):
     """A drive gain with its deviation.
 
     Attributes
@@ -43,6 +44,8 @@ class DriveGain:
     method : str
         "tls", or the key of the method whose two inertias it was taken from.
     """
+
+    figure: ClassVar[str] = "drive_gain"
 
     gain: float
     std_error: float
@@ -105,12 +108,3 @@ class DriveGain:
 
     def __repr__(self) -> str:
         return f"<DriveGain {self.gain:.5g} +- {self.std_error:.2g} {self.unit}>"
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
-
-    def plot(self, **options: Any) -> Figure:
-        """Draw the gain, with each block of rows left out if it has those, and its interval."""
-        from ivtools import plots
-
-        return plots.drive_gain(self, **options)

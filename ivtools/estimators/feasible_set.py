@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from ivtools.display import Displayed
 from ivtools.errors import EstimationError, ShapeError
 from ivtools.estimators.linear_programs import (
     SLACK,
@@ -21,13 +22,13 @@ from ivtools.estimators.linear_programs import (
 from ivtools.tables import Text, table, two_columns
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FeasibleSet:
+class FeasibleSet(Displayed):
     """Every theta with |y - X theta| <= bound, described by linear programs.
 
     Attributes
@@ -58,6 +59,11 @@ class FeasibleSet:
     >>> found.lower.tolist(), found.upper.tolist()
     ([1.0], [2.0])
     """
+
+    figure: ClassVar[str] = "feasible_set"
+    content: ClassVar[tuple[str, ...]] = (
+        "names", "units", "lower", "upper", "centre", "radius", "smallest", "empty", "notes",
+    )  # fmt: skip
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -202,12 +208,3 @@ class FeasibleSet:
             return f"<FeasibleSet: empty, {self.smallest:.4g} times the bound would do>"
         box = (f"{n} [{self.lower[n]:.5g}, {self.upper[n]:.5g}]" for n in self.names)
         return f"<FeasibleSet: {', '.join(box)}>"
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
-
-    def plot(self, **options: Any) -> Figure:
-        """Draw the projections of the set on every pair of parameters."""
-        from ivtools import plots
-
-        return plots.feasible_set(self, **options)

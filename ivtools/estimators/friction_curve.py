@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
+from ivtools.display import Displayed
 from ivtools.errors import EstimationError
 from ivtools.tables import Text, table, two_columns
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ _UNITS = {"prismatic": ("m/s", "N"), "revolute": ("rad/s", "N m")}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrictionCurve:
+class FrictionCurve(Displayed):
     """Friction over velocity, and what was estimated beside it.
 
     Attributes
@@ -46,6 +47,8 @@ class FrictionCurve:
     runtime : float
         In s.
     """
+
+    figure: ClassVar[str] = "friction_curve"
 
     velocity: Array
     force: Array
@@ -205,12 +208,3 @@ class FrictionCurve:
             f"<FrictionCurve {self.name}: {low:.3g} to {high:.3g} {self.units[0]}, "
             f"relative error {self.relative_error:.3f} %>"
         )
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
-
-    def plot(self, **options: Any) -> Figure:
-        """Draw the curve over velocity with its band."""
-        from ivtools.plots.friction_curve import friction_curve
-
-        return friction_curve(self, **options)

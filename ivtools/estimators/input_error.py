@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ivtools.estimators.approach import Point, Way, near
 from ivtools.estimators.base import Estimator
 from ivtools.estimators.iteration import (
+    Point,
     Start,
+    Way,
     check_iteration,
+    near,
     relative_change,
     starting_values,
 )

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from ivtools.display import Displayed
 from ivtools.tables import Text, table, two_columns
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 Array = NDArray[np.float64]
 
@@ -20,7 +21,7 @@ SHOWN = 12  # rows of the table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ParetoFront:
+class ParetoFront(Displayed):
     """Compromises between objectives.
 
     Attributes
@@ -36,6 +37,11 @@ class ParetoFront:
     settled : bool
         Whether the front had all but stopped to move.
     """
+
+    figure: ClassVar[str] = "pareto"
+    content: ClassVar[tuple[str, ...]] = (
+        "names", "units", "objectives", "theta", "errors", "knee", "n_simulations", "settled",
+    )  # fmt: skip
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -94,15 +100,6 @@ class ParetoFront:
             )
         )
         return f"<ParetoFront of {len(self.theta)} points: {', '.join(ends)}>"
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
-
-    def plot(self, **options: Any) -> Figure:
-        """Draw the front, each pair of objectives, with its knee."""
-        from ivtools import plots
-
-        return plots.pareto(self, **options)
 
 
 def not_dominated(errors: Array) -> NDArray[np.bool_]:

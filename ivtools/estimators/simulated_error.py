@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.errors import AxisError, EstimationError
-from ivtools.estimators.approach import Way, near
 from ivtools.estimators.base import Estimator
-from ivtools.estimators.iteration import Start, check_iteration, starting_values
+from ivtools.estimators.iteration import Start, Way, check_iteration, near, starting_values
 from ivtools.estimators.sensitivities import STEP, Signal, SimulatedSignal, scans
 from ivtools.results import FitResults
 

@@ -6,10 +6,11 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import pandas as pd
 
+from ivtools.display import Displayed
 from ivtools.errors import ConvergenceWarning, EstimationError
 from ivtools.estimators.transfer_function import SRIVC
 from ivtools.estimators.transfer_results import TransferFunctionResults
@@ -24,7 +25,7 @@ CRITERIA = ("yic", "aic", "bic", "relative_error")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StructureSearch:
+class StructureSearch(Displayed):
     """Transfer functions of several structures, the best first.
 
     Attributes
@@ -35,6 +36,8 @@ class StructureSearch:
     notes : tuple of str
         Structures that could not be estimated.
     """
+
+    content: ClassVar[tuple[str, ...]] = ("criterion", "results", "notes")
 
     results: tuple[TransferFunctionResults, ...]
     criterion: str
@@ -83,12 +86,6 @@ class StructureSearch:
         title = f"{self.best.method.upper()} structures, {e.input} to {e.output}"
         notes = [f"sorted by {self.criterion}; small is good, but R_T^2 near 1", *self.notes]
         return table(title, [], header, rows, notes)
-
-    def __repr__(self) -> str:
-        return str(self.summary())
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
 
     def plot(self, **options: Any) -> Figure:
         """Draw the measured output and that of the best model."""

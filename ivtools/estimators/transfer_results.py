@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from ivtools.display import Displayed
 from ivtools.errors import EstimationError
 from ivtools.linalg import automatic_bandwidth, covariance, influence
 from ivtools.tables import Text, table, two_columns
 
 if TYPE_CHECKING:
     import control
-    from matplotlib.figure import Figure
 
     from ivtools.estimators.transfer_function import SRIVC, Model
     from ivtools.problem import Problem
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TransferFunctionResults:
+class TransferFunctionResults(Displayed):
     """Result of one fit of a transfer function.
 
     Attributes
@@ -54,6 +54,8 @@ class TransferFunctionResults:
     problem : Problem
         What was fitted.
     """
+
+    figure: ClassVar[str] = "transfer_function"
 
     method: str
     params: pd.Series
@@ -260,15 +262,6 @@ class TransferFunctionResults:
             f"{self.estimator.output}: {self.structure}; relative error "
             f"{self.relative_error:.4g} %, R_T^2 {self.r2:.4f}>"
         )
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
-
-    def plot(self, **options: Any) -> Figure:
-        """Draw the measured output and that of the free-running model."""
-        from ivtools import plots
-
-        return plots.transfer_function(self, **options)
 
 
 def _in_z(polynomial: Array, dt: float) -> Array:

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ivtools.inference.endogeneity import hausman_contrast, wu_hausman
+from ivtools.inference.overidentification import anderson_rubin_overid, basmann, hansen, sargan
 from ivtools.inference.residuals import ljung_box, normality, stationarity
 from ivtools.inference.restrictions import wald
 from ivtools.inference.strength import anderson_rubin, first_stage, weak_instruments
-from ivtools.inference.surplus import anderson_rubin_overid, basmann, hansen, sargan
 from ivtools.results import FitResults, TestResult
 
 __all__ = [

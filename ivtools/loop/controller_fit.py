@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import log
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..display import Displayed
 from ..errors import RecordError
 from ..linalg import covariance, solve_iv
 from ..record import Record
@@ -34,8 +35,8 @@ _POOR = 5.0  # a residual above this (per cent) is not what a control law leaves
 _CLIPPED = 5  # so many samples at the very largest command are a limit
 
 
-@dataclass(frozen=True, eq=False)
-class ControllerFit:
+@dataclass(frozen=True, eq=False, repr=False)
+class ControllerFit(Displayed):
     """A control law that was fitted to a record, and how well.
 
     Parameters
@@ -53,12 +54,31 @@ class ControllerFit:
         Every structure that was tried: kind, filter length, delay, residual (%).
     """
 
+    content: ClassVar[tuple[str, ...]] = (
+        "kind", "delay", "limit", "estimates", "std_errors", "residual", "samples", "saturated",
+    )  # fmt: skip
+
     controller: Controller
     std_errors: Mapping[str, float]
     residual: float
     samples: int
     saturated: int
     tried: tuple[tuple[str, int, int, float], ...]
+
+    @property
+    def kind(self) -> str:
+        """Kind of the law."""
+        return self.controller.kind
+
+    @property
+    def delay(self) -> int:
+        """Samples from the measured position to the command."""
+        return self.controller.delay
+
+    @property
+    def limit(self) -> float:
+        """Largest command."""
+        return self.controller.limit
 
     @property
     def estimates(self) -> dict[str, float]:
@@ -90,9 +110,6 @@ class ControllerFit:
         best = sorted(self.tried, key=lambda row: row[3])[:4]
         notes = [f"{kind}, {n} taps, delay {d}: {left:.3g} %" for kind, n, d, left in best]
         return table("Controller, identified", head, ["", "value", "std error"], rows, notes)
-
-    def __str__(self) -> str:
-        return str(self.summary())
 
 
 @dataclass(frozen=True, eq=False)

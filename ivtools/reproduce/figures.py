@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.util import find_spec
 from time import perf_counter
 
 from ivtools import axes
 from ivtools.problem import Problem
 from ivtools.record import Record
 from ivtools.reproduce.rows import value
+from ivtools.reproduce.toolboxes import report_cases
 from ivtools.results import ErrorFigures, FitResults
 
 Figures = dict[tuple[str, str, str], float]
@@ -24,8 +23,6 @@ NAMES = {
     "viscous_neg": "FV1m",
     "coulomb_neg": "FC1m",
 }
-#: Sections computed elsewhere: ``function(record) -> {(row, quantity): value}``.
-PROVIDERS = {"toolboxes": ("ivtools.estimators.toolboxes", "report_cases")}
 
 
 def published_theta() -> dict[str, float]:
@@ -85,12 +82,6 @@ def seconds(record: Record) -> float:
     return perf_counter() - start
 
 
-def provided(record: Record) -> Figures:
-    """Return the figures of other rooms; a room that is not built gives none."""
-    figures: Figures = {}
-    for section, (module, function) in PROVIDERS.items():
-        if find_spec(module) is None:
-            continue
-        found = getattr(import_module(module), function)(record)
-        figures |= {(section, *key): float(number) for key, number in found.items()}
-    return figures
+def transfer_functions(record: Record) -> Figures:
+    """Return the figures of the report's comparison with transfer-function toolboxes."""
+    return {("toolboxes", *key): number for key, number in report_cases(record).items()}

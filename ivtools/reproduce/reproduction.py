@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from ivtools import axes, datasets
+from ivtools.display import Displayed
 from ivtools.estimators import IDIMLS
 from ivtools.problem import Problem
-from ivtools.reproduce import figures
+from ivtools.reproduce import figures, toolboxes
 from ivtools.reproduce.clocks import CLOCKS
 from ivtools.reproduce.rows import SECTIONS, Printed, printed
 from ivtools.results import FitResults
@@ -67,8 +66,8 @@ class Row:
         }
 
 
-@dataclass(frozen=True)
-class Reproduction:
+@dataclass(frozen=True, repr=False)
+class Reproduction(Displayed):
     """Every number of the report beside ours.
 
     Attributes
@@ -102,7 +101,7 @@ class Reproduction:
         for name, title in SECTIONS.items():
             header = ["", "unit", "printed", "ours", "last digits", ""]
             cells = [row.cells() for row in self.section(name)]
-            yield table(title, [], header, cells, _notes(name), left=2)
+            yield table(title, [], header, cells, _NOTES.get(name, ()), left=2)
         yield self.clock_table()
 
     def clock_table(self) -> Text:
@@ -189,25 +188,18 @@ def reproduce(data: str | Path | None = None) -> Reproduction:
         }
         for signal, error in clocks[section]["published"].items():
             found[section, "error", signal] = error
-    found |= figures.provided(record)
+    found |= figures.transfer_functions(record)
     rows = tuple(Row(p, found.get(p.key)) for p in printed())
     return Reproduction(rows, clocks, fits, holdout)
 
 
-def _notes(section: str) -> Sequence[str]:
-    """Return what a reader must know about a section."""
-    module = figures.PROVIDERS.get(section, ("",))[0]
-    if module and find_spec(module) is not None:
-        return getattr(import_module(module), "NOTES", ())
-    return _NOTES.get(section, ())
-
-
-_NOTES = {
+_NOTES: Mapping[str, Sequence[str]] = {
     "simulation": [
         "Must agree: the position to its last digit, the others within 0.5 %. The published clock "
         "is explained in the last table; the time is that of this machine."
     ],
     "identification": ["Deviations are the classical ones, as the report has them."],
+    "toolboxes": toolboxes.NOTES,
 }
 _CLOCK_NOTES = (
     "published: its sample time is t(10) - t(9), in the files 0.999984 ms and not 1 ms, so "

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ivtools.display import Displayed
 
+if TYPE_CHECKING:
     from ivtools.report import Page
     from ivtools.study.run import Study
     from ivtools.tables import Text
@@ -24,7 +24,7 @@ LEVEL = 1.959963984540054  # half-width of a 95 % interval of the normal distrib
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Score:
+class Score(Displayed):
     """Bias, spread, coverage and efficiency of every estimator.
 
     Attributes
@@ -43,6 +43,8 @@ class Score:
         One row per case: what distinguishes it.
     title, question : str
     """
+
+    figure: ClassVar[str] = "study.bias"
 
     table: pd.DataFrame
     fits: pd.DataFrame
@@ -133,10 +135,6 @@ class Score:
 
         return markdown(self)
 
-    def to_html(self, path: str | Path) -> Path:
-        """Write the report as one self-contained HTML page, and return where it is."""
-        return self.page().write(path)
-
     def page(self, figures: bool = True) -> Page:
         """Return the report as a page of `ivtools.report`."""
         from ivtools.study.summary import page
@@ -159,12 +157,6 @@ class Score:
         self.fits.to_csv(folder / "fits.csv", index=False, float_format="%.6g")
         (folder / "report.md").write_text(self.to_markdown(), encoding="utf-8")
         return self.page().write(folder / "report.html", figures=True)
-
-    def plot(self, **options: Any) -> Figure:
-        """Draw bias and spread of every estimator and parameter."""
-        from ivtools.plots import study
-
-        return study.bias(self, **options)
 
     def summary(self) -> Text:
         """Return the comparison of the estimators, case by case, at most 80 columns wide."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import warnings
 from typing import TYPE_CHECKING
 
+from ivtools import axes
 from ivtools.errors import ConvergenceWarning
 from ivtools.estimators.box_jenkins import RIVC
 from ivtools.estimators.transfer_function import SRIVC
 from ivtools.estimators.transfer_results import TransferFunctionResults
+from ivtools.problem import Problem
 
 if TYPE_CHECKING:
     from ivtools.record import Record
@@ -48,9 +50,6 @@ def fit_cases(record: Record) -> dict[str, TransferFunctionResults]:
     >>> fits["reference to position"].relative_error < fits["command to position"].relative_error
     True
     """
-    from ivtools import axes
-    from ivtools.problem import Problem
-
     problem = Problem(record, axes.emps())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # shown by `converged`

@@ -7,9 +7,9 @@ import pytest
 
 from ivtools import axes
 from ivtools.errors import EstimationError, MissingExtraError
+from ivtools.estimators.constrained import LMIIV, LMILS, bounds, unphysical
 from ivtools.estimators.least_squares import IDIMLS
 from ivtools.estimators.matrix_inequalities import pseudo_inertia, solve_lmi
-from ivtools.estimators.physical import LMIIV, LMILS, bounds, unphysical
 from ivtools.linalg import solve_iv
 from ivtools.problem import Problem
 from ivtools.record import Record
