@@ -10,7 +10,8 @@ from ivtools import axes, datasets
 from ivtools.comparison import Comparison, compare
 from ivtools.estimators.base import estimator_class
 from ivtools.gap import Diagnosis, diagnose
-from ivtools.pages import add_simulation, force_picture
+from ivtools.pages import add_simulation, force_chart
+from ivtools.plots.chart import inner_limits
 from ivtools.problem import Problem
 from ivtools.report import Page, Picture
 from ivtools.tables import Text, table
@@ -136,13 +137,14 @@ def page(result: Demo) -> Page:
         figures=[Picture("parameters", estimates, caption)],
     )
     symmetric, asymmetric = result.fits[0], result.best[0]
+    limits = inner_limits(symmetric.resids)
     out.add(
         "What the friction model is worth",
         "The same record and method, first with friction that is the same in both directions, "
         "then with friction of its own in each.",
         figures=[
-            force_picture(symmetric, "force-symmetric"),
-            force_picture(asymmetric, "force-asymmetric"),
+            force_chart(symmetric, "force-symmetric"),
+            force_chart(asymmetric, "force-asymmetric", limits=limits),
         ],
     )
     diagnosis = result.diagnosis

@@ -10,7 +10,8 @@ import numpy as np
 
 from ivtools import plots
 from ivtools.comparison import Comparison
-from ivtools.report import Page, Picture
+from ivtools.plots.chart import Chart
+from ivtools.report import Card, Page, Picture
 from ivtools.tables import Text
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def fit_page(fit: FitResults, gain: DriveGain | None = None) -> Page:
         f"{problem.record.name}: {fit.method.upper()}",
         f"Parameters of {problem.loop.name} identified from {problem.record!r}.",
     )
-    out.add("Estimates", tables=[fit.summary()], figures=[force_picture(fit)])
+    out.add("Estimates", tables=[fit.summary()], figures=[force_chart(fit)])
     if gain is not None:
         caption = "The drive gain, with its 95 % interval."
         picture = Picture("drive-gain", plots.drive_gain(gain), caption)
@@ -90,11 +91,11 @@ def _add_estimates(
         elsewhere = np.array([fit.signal != "force" for fit in comparison.results])
         errors = np.where(elsewhere & ~elsewhere.all(), np.nan, errors)
     best = comparison.results[int(np.nanargmin(errors))]
-    forces = [force_picture(best)]
+    forces = [force_chart(best)]
     if holdout is not None:
         assert best.problem is not None
         other = replace(best.problem, record=holdout)
-        forces.append(Picture("cross-test", plots.force(best, other), f"Hold-out. {FORCE_CAPTION}"))
+        forces.append(force_chart(best, "cross-test", f"Hold-out. {FORCE_CAPTION}", problem=other))
     out.add("Force", f"The result with the smallest {test} error.", figures=forces)
     add_simulation(out, best)
 
@@ -112,28 +113,32 @@ def add_simulation(out: Page, fit: FitResults) -> None:
     problem = fit.problem
     assert problem is not None  # every estimator keeps its problem
     simulated = problem.simulate(fit.params.to_numpy())
-    figure = plots.simulation(simulated, problem.record, problem.pipeline, width_mm=160.0)
-    caption = "Simulated and measured signals with their relative errors."
+    caption = "Simulated and measured signals, and the error of the force."
+    chart = plots.simulation_chart(simulated, problem.record, problem.pipeline, caption=caption)
     out.add(
         "The closed loop simulated",
         f"Driven by the record's reference alone, with the parameters of {fit.method.upper()}.",
-        figures=[Picture("simulation", figure, caption)],
+        figures=[chart],
     )
 
 
-def force_picture(fit: FitResults, name: str = "force") -> Picture:
-    """Return the force figure of a result, titled by method, model and error."""
+def force_chart(
+    fit: FitResults, name: str = "force", caption: str = FORCE_CAPTION, **options: Any
+) -> Chart:
+    """Return the force chart of a result; its picture is titled by method, model and error."""
     models = {"viscous_pos": ", asymmetric friction", "viscous": ", symmetric friction"}
     model = next((text for key, text in models.items() if key in fit.names), "")
     title = f"{fit.method.upper()}{model}: {fit.relative_error:.2f} %"
-    return Picture(name, plots.force(fit, title=title), FORCE_CAPTION)
+    if options.get("problem") is None:
+        options["title"] = title
+    return plots.force_chart(fit, name=name, caption=caption, **options)
 
 
 def simulation_page(record: Record, simulation: Simulation, table: Text) -> Page:
     """Return the page of one simulation."""
     lead = f"{simulation.loop.name} simulated in closed loop on the reference of {record!r}."
     out = Page(f"{record.name}: simulation", lead)
-    figure = plots.simulation(simulation, record, width_mm=160.0)
-    caption = "Simulated and measured signals, the errors below."
-    out.add("Relative errors", tables=[table], figures=[Picture("simulation", figure, caption)])
+    caption = "Simulated and measured signals, and the error of the force."
+    chart = plots.simulation_chart(simulation, record, caption=caption)
+    out.add("Relative errors", tables=[table], figures=[chart])
     return out

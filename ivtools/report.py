@@ -1,20 +1,35 @@
-"""One self-contained HTML page from results: text, tables and figures, and nothing to load."""
+"""One self-contained HTML page from results: a card, text, tables and figures.
+
+Nothing on a page is fetched from anywhere: its style, its script and its data stand in it. Pages
+that are made by the hundred share one script file in their folder instead.
+"""
 
 from __future__ import annotations
 
-from base64 import b64encode
+import re
+import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
+from markupsafe import Markup
+
+from ivtools.plots.chart import Chart, stills
 from ivtools.tables import Text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TEMPLATES = Path(__file__).parent / "templates"
+SCRIPT = "charts.js"  # of a folder of pages
+_PARTS = {
+    "style": ("page.css",),
+    "chart_style": ("uplot/uPlot.min.css",),
+    "script": ("uplot/uPlot.iife.min.js", "chart.js"),
+}
 
 
 @dataclass(frozen=True)
@@ -34,6 +49,7 @@ class Picture:
     name: str
     figure: Figure
     caption: str
+    content = None  # a still picture has no data to draw
 
     @property
     def alt(self) -> str:
@@ -46,26 +62,44 @@ class Picture:
         return bool(self.figure.get_figwidth() > 5.0)  # inches
 
     @cached_property
-    def svg(self) -> bytes:
-        """The figure as an SVG file."""
+    def inline(self) -> str:
+        """The figure as a part of a page, in the page's colours."""
         from ivtools.plots import style
 
-        return style.encode(self.figure, "svg")
-
-    @property
-    def uri(self) -> str:
-        """The figure as an address that holds it whole."""
-        return "data:image/svg+xml;base64," + b64encode(self.svg).decode("ascii")
+        return style.inline(self.figure, self.name, self.alt)
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: paragraphs, then tables, then figures."""
+    """A part of a page: paragraphs, tables, figures, then tables that are folded away."""
 
     title: str
     text: tuple[str, ...] = ()
     tables: tuple[Text, ...] = ()
-    figures: tuple[Picture, ...] = ()
+    figures: tuple[Picture | Chart, ...] = ()
+    folded: tuple[tuple[str, Text], ...] = ()
+
+
+@dataclass(frozen=True)
+class Card:
+    """The answer in plain words, first on its page.
+
+    Parameters
+    ----------
+    verdict : str
+        One sentence.
+    facts : sequence of (str, str)
+        What a reader wants to know next: label and value with its unit.
+    next : sequence of str
+        What to do next.
+    tone : {"good", "doubt", "bad"}
+        Colour of its edge; the words say the same.
+    """
+
+    verdict: str
+    facts: tuple[tuple[str, str], ...] = ()
+    next: tuple[str, ...] = ()
+    tone: Literal["good", "doubt", "bad"] = "good"
 
 
 @dataclass
@@ -76,6 +110,7 @@ class Page:
     ----------
     title, lead : str
         Heading, and what the page says in one sentence.
+    card : Card, optional
 
     Examples
     --------
@@ -87,20 +122,30 @@ class Page:
 
     title: str
     lead: str
+    card: Card | None = None
     sections: list[Section] = field(default_factory=list)
 
     def add(
         self,
         title: str,
         *text: str,
-        tables: tuple[Text, ...] | list[Text] = (),
-        figures: tuple[Picture, ...] | list[Picture] = (),
+        tables: Iterable[Text] = (),
+        figures: Iterable[Picture | Chart] = (),
+        folded: Iterable[tuple[str, Text]] = (),
     ) -> None:
         """Append a section; its text is plain, markup in it is shown as it is."""
-        self.sections.append(Section(title, text, tuple(map(_with_html, tables)), tuple(figures)))
+        less = tuple((name, _with_html(table)) for name, table in folded)
+        self.sections.append(
+            Section(title, text, tuple(map(_with_html, tables)), tuple(figures), less)
+        )
 
-    def html(self) -> str:
-        """Return the page; it refers to no other file."""
+    @property
+    def charts(self) -> bool:
+        """Whether the page has something to draw."""
+        return any(isinstance(f, Chart) for s in self.sections for f in s.figures)
+
+    def html(self, script: str = "") -> str:
+        """Return the page; it refers to no other file but the script, if one is named."""
         from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
         from ivtools import __version__
@@ -108,7 +153,12 @@ class Page:
         environment = Environment(
             loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined
         )
-        return environment.get_template("page.html").render(page=self, version=__version__)
+        glossary = Glossary()
+        environment.filters["explained"] = glossary.explained
+        template = environment.get_template("page.html")
+        return template.render(
+            page=self, version=__version__, parts=_parts(), script=script, glossary=glossary
+        )
 
     def write(self, file: str | Path, figures: bool = False) -> Path:
         """Write the page.
@@ -124,13 +174,65 @@ class Page:
         -------
         Path
         """
+        from ivtools.plots import style
+
         file = Path(file)
         file.parent.mkdir(parents=True, exist_ok=True)
-        for picture in (p for s in self.sections for p in s.figures) if figures else ():
-            (file.parent / f"{picture.name}.svg").write_bytes(picture.svg)
+        for name, figure in stills(f for s in self.sections for f in s.figures) if figures else ():
+            style.save(figure, file.parent / f"{name}.svg")
         part = file.with_name(f".{file.name}.part")
         part.write_text(self.html(), encoding="utf-8")
         return part.replace(file)
+
+
+@cache
+def _parts() -> dict[str, str]:
+    """Return what every page holds: its styles, and the script of its charts."""
+    return {
+        name: "\n".join((TEMPLATES / file).read_text(encoding="utf-8").strip() for file in files)
+        for name, files in _PARTS.items()
+    }
+
+
+def chart_script() -> str:
+    """Return the script that draws charts, for a folder of pages that share it."""
+    return _parts()["script"]
+
+
+@cache
+def terms() -> dict[str, str]:
+    """Return the words that pages explain, with their meaning."""
+    return tomllib.loads((TEMPLATES / "terms.toml").read_text(encoding="utf-8"))
+
+
+class Glossary:
+    """Explains each word of `terms` where a page first uses it, and lists those that it used."""
+
+    def __init__(self) -> None:
+        self.used: dict[str, str] = {}
+        self._left = dict(terms())
+
+    def explained(self, text: Any) -> Markup:
+        """Return a text, or markup, with its new words marked."""
+        markup = str(text) if isinstance(text, Markup) else escape(str(text))
+        pieces = re.split(r"(<[^>]*>)", markup)  # markup at odd places stays as it is
+        pieces[::2] = [self._pattern.sub(self._explain, piece) for piece in pieces[::2]]
+        return Markup("".join(pieces))
+
+    @property
+    def _pattern(self) -> re.Pattern[str]:
+        words = "|".join(re.escape(word) for word in sorted(self._left, key=len, reverse=True))
+        return re.compile(rf"(?<![\w-])(?:{words or '(?!)'})(?![\w-])", re.IGNORECASE)
+
+    def _explain(self, match: re.Match[str]) -> str:
+        word = next((w for w in self._left if w.lower() == match[0].lower()), None)
+        if word is None:
+            return match[0]
+        self.used[word] = means = self._left.pop(word)
+        return (
+            f'<dfn tabindex="0" aria-describedby="term-{len(self.used)}" '
+            f'data-means="{escape(means, quote=True)}">{match[0]}</dfn>'
+        )
 
 
 def _with_html(text: str) -> Text:

@@ -1,12 +1,13 @@
 """Figures: one function each, returning a matplotlib Figure that a paper can print.
 
 Figures are 80 mm wide, one column of a journal, with 7 pt letters; `style.save` writes them as
-SVG, PDF or PNG. No function here touches pyplot or its state.
+SVG, PDF or PNG; what runs over time is also made as a `chart.Chart`, which a page can zoom. No
+function here touches pyplot or its state.
 """
 
 from __future__ import annotations
 
-from ivtools.plots.force import force
+from ivtools.plots.force import force, force_chart
 from ivtools.plots.friction_curve import friction_curve
 from ivtools.plots.methods import (
     drive_gain,
@@ -17,7 +18,7 @@ from ivtools.plots.methods import (
 )
 from ivtools.plots.parameters import parameters
 from ivtools.plots.residuals import residuals
-from ivtools.plots.simulation import simulation
+from ivtools.plots.simulation import simulation, simulation_chart
 from ivtools.plots.style import Sheet, save
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "drive_gain",
     "feasible_set",
     "force",
+    "force_chart",
     "friction_curve",
     "leaderboard",
     "parameters",
@@ -32,5 +34,6 @@ __all__ = [
     "residuals",
     "save",
     "simulation",
+    "simulation_chart",
     "transfer_function",
 ]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ivtools.plots.chart import Chart, Panel, Series, inner_limits, worst
 from ivtools.plots.style import (
     COLOURS,
     WIDTH_MM,
@@ -14,6 +17,7 @@ from ivtools.plots.style import (
     legend_above,
     line,
     look,
+    readable,
     sheet,
     units_of,
 )
@@ -21,6 +25,8 @@ from ivtools.plots.style import (
 if TYPE_CHECKING:
     from ivtools.problem import Problem
     from ivtools.results import FitResults
+
+Array = NDArray[np.float64]
 
 
 def force(
@@ -54,17 +60,8 @@ def force(
     >>> len(force(fit).axes)
     2
     """
-    own = problem or results.problem
-    y = results.y if problem is None else problem.y
-    model = results.fitted if problem is None else problem.X @ results.params.to_numpy()
-    joint = own.loop.joint if own is not None else "prismatic"
-    t = results.t if problem is None else problem.t
-    t = np.arange(len(y), dtype=float) if t is None else t
-    name, unit = ("Force", "N") if joint == "prismatic" else ("Torque", "N m")
-    signal = results.extras.get("signal", "force") if problem is None else "force"
-    if signal != "force":  # what output error compares
-        name, unit = signal.capitalize(), units_of(joint)[signal]
-    relative = 100.0 * np.linalg.norm(y - model) / np.linalg.norm(y)
+    shown = _Shown.of(results, problem)
+    t, y, model = shown.t, shown.y, shown.model
     with look():
         figure = sheet(width_mm, 62.0)
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
@@ -72,12 +69,85 @@ def force(
         line(top, t, model, color=COLOURS["model"], lw=0.7, label="reconstructed")
         line(bottom, t, y - model, color=COLOURS["error"], lw=0.6)
         fit_to_inner(bottom, y - model)
-        top.set_ylabel(f"{name} ({unit})")
-        bottom.set_ylabel(f"Error ({unit})")
+        top.set_ylabel(f"{shown.quantity}, {shown.unit}")
+        bottom.set_ylabel(f"error, {shown.unit}")
         top.tick_params(bottom=False)
-        bottom.set_xlabel("Time (s)" if own is not None else "Row")
+        bottom.set_xlabel(shown.across)
         legend_above(top)
         what = "cross-test" if problem is not None else "relative error"
-        figure.suptitle(title or f"{results.method.upper()}: {what} {relative:.3g} %", fontsize=7.5)
+        error = f"{results.method.upper()}: {what} {shown.relative_error:.3g} %"
+        figure.suptitle(title or error, fontsize=7.5)
         figure.align_ylabels()
     return figure
+
+
+def force_chart(
+    results: FitResults,
+    problem: Problem | None = None,
+    *,
+    name: str,
+    caption: str,
+    title: str | None = None,
+    limits: tuple[float, float] | None = None,
+) -> Chart:
+    """Return `force` as a chart that can be zoomed; the worst second is a region of its own.
+
+    Parameters
+    ----------
+    results, problem, title
+        As for `force`.
+    name, caption : str
+        Of the chart on its page.
+    limits : (float, float), optional
+        Of the error's axis while all is shown, for charts that are compared.
+    """
+    shown = _Shown.of(results, problem)
+    error = shown.y - shown.model
+    signals = (
+        Series("measured", shown.y, "measured"),
+        Series("reconstructed", shown.model, "model"),
+    )
+    panels = (
+        Panel(shown.quantity, shown.unit, signals),
+        Panel(
+            "error", shown.unit, (Series("error", error, "error"),), limits or inner_limits(error)
+        ),
+    )
+    still = force(results, problem, title=title)
+    return Chart(name, shown.t, panels, caption, worst(shown.t, error), still, shown.across)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What both forms of the figure show: measured and reconstructed signal, (N,) each."""
+
+    t: Array
+    y: Array
+    model: Array
+    quantity: str
+    unit: str
+    across: str
+
+    @classmethod
+    def of(cls, results: FitResults, problem: Problem | None) -> _Shown:
+        own = problem or results.problem
+        y = results.y if problem is None else problem.y
+        model = results.fitted if problem is None else problem.X @ results.params.to_numpy()
+        t = results.t if problem is None else problem.t
+        joint = own.loop.joint if own is not None else "prismatic"
+        quantity = "force" if joint == "prismatic" else "torque"
+        if problem is None and results.signal != "force":  # what output error compares
+            quantity = results.signal
+        return cls(
+            t=np.arange(len(y), dtype=float) if t is None else t,
+            y=y,
+            model=model,
+            quantity=quantity,
+            unit=readable(units_of(joint)[quantity]),
+            across="time, s" if own is not None else "row",
+        )
+
+    @property
+    def relative_error(self) -> float:
+        """Return 100 ||y - model|| / ||y||, %."""
+        return 100.0 * float(np.linalg.norm(self.y - self.model) / np.linalg.norm(self.y))

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from matplotlib.figure import SubFigure
+from numpy.typing import NDArray
 
 from ivtools.plots import panels
-from ivtools.plots.style import Sheet, look, sheet
+from ivtools.plots.chart import Chart, Panel, Region, Series, inner_limits, worst
+from ivtools.plots.style import Sheet, look, readable, scaled, sheet, units_of
 
 if TYPE_CHECKING:
     from ivtools.gap.diagnosis import Diagnosis
+
+Array = NDArray[np.float64]
 
 WIDTH_MM = 170.0  # two columns
 
@@ -63,6 +69,45 @@ def which(diagnosis: Diagnosis) -> Sheet:
         figure = sheet(110.0, 70.0)
         panels.ranking(figure.subplots(), diagnosis)
     return figure
+
+
+def over_time(diagnosis: Diagnosis, name: str, caption: str) -> Chart:
+    """Return the judged record as a chart: motion, forces measured and simulated, and the error.
+
+    What stands out once is shaded, and can be jumped to, as the worst second can.
+    """
+    traces = panels.traces_of(diagnosis)
+    record, units = traces.record, units_of(diagnosis.loop.joint)
+    quantity = "force" if diagnosis.loop.joint == "prismatic" else "torque"
+    before, after = traces.before, traces.after
+    changed = bool(diagnosis.effects) or not np.array_equal(before, after)
+    keep = np.where(traces.keep, before, np.nan)
+    q, dq = record.q[:, 0], np.gradient(record.q[:, 0], record.dt)
+
+    def pair(signal: Callable[[Array], Array]) -> tuple[Series, ...]:
+        both = (Series("before", signal(before), "before"), Series("after", signal(after), "after"))
+        return both if changed else (Series("simulated", signal(before), "model"),)
+
+    forces = (
+        Series("measured", traces.measured, "measured"),
+        *pair(lambda error: traces.measured - error),
+    )
+    motion = [
+        Panel(what, readable(unit), (Series(what, factor * x, "measured"),))
+        for what, x in (("position", q), ("velocity", dq))
+        for factor, unit in [scaled(x, units[what])]
+    ]
+    shown = (
+        Panel(quantity, readable(units[quantity]), forces),
+        Panel(
+            f"{quantity} error", readable(units[quantity]), pair(lambda e: e), inner_limits(keep)
+        ),
+        *motion,
+    )
+    events = tuple(
+        Region(a, b, f"{a:.1f}–{b:.1f} s stands out") for a, b in panels.events(diagnosis)
+    )
+    return Chart(name, record.t, shown, caption, (*worst(record.t, keep), *events[:8]))
 
 
 def how_far(diagnosis: Diagnosis) -> Sheet:

@@ -67,7 +67,7 @@ def error_over_time(axes: Axes, diagnosis: Diagnosis) -> None:
     ):
         line(axes, t, np.where(keep, np.nan, values), color=colour, linewidth=0.5, alpha=_FAINT)
         line(axes, t, np.where(keep, values, np.nan), color=colour, linewidth=0.5, label=label)
-    for k, (start, stop) in enumerate(_events(diagnosis)):
+    for k, (start, stop) in enumerate(events(diagnosis)):
         once = "stands out once" if k == 0 else None
         axes.axvspan(start, stop, color=_EVENT, alpha=0.5, linewidth=0, label=once)
     size = 1.3 * np.quantile(np.abs(traces.before[keep]), 0.999)
@@ -77,7 +77,7 @@ def error_over_time(axes: Axes, diagnosis: Diagnosis) -> None:
     legend_above(axes)
 
 
-def _events(diagnosis: Diagnosis) -> list[tuple[float, float]]:
+def events(diagnosis: Diagnosis) -> list[tuple[float, float]]:
     """Return the stretches of the judging record that stand out and do not come again."""
     from ivtools.gap.answer import local
 

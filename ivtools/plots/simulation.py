@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from ivtools.plots.chart import Chart, Panel, Series, inner_limits, worst
 from ivtools.plots.style import (
     COLOURS,
     WIDTH_MM,
@@ -65,25 +66,16 @@ def simulation(
     >>> len(simulation(loop.simulate(record, theta), record).axes)
     8
     """
-    loop = simulated.loop
-    pipeline = pipeline or loop.pipeline(record)
-    head, tail = pipeline.trim
-    rows = slice(head, record.n_samples - tail)
-    measured = (*pipeline.differentiate(record.q, record.dt), loop.force(record))
-    errors = simulated.relative_error(record, pipeline)
-    units, t = units_of(loop.joint), record.t[rows]
+    t, signals = _signals(simulated, record, pipeline)
     columns = 2 if width_mm >= 140.0 else 1
     with look():
         figure = sheet(width_mm, 96.0 + 72.0 * (columns == 1))
         figure.get_layout_engine().set(hspace=0.0, h_pad=0.012)  # type: ignore[union-attr, call-arg]
         panels = _panels(figure, columns)
-        signals = zip(errors, measured, (*simulated.motion, simulated.tau), strict=True)
-        for (main, strip), (name, real, model) in zip(panels, signals, strict=True):
-            shown = "torque" if name == "force" and loop.joint == "revolute" else name
-            _panel(main, strip, t, (real[rows], model[rows]), shown, units[name])
-            main.set_title(f"{errors[name]:.3g} %", loc="right", fontsize=6.5, pad=2.5)
+        for (main, strip), signal in zip(panels, signals, strict=True):
+            _panel(main, strip, t, signal)
         for _, strip in panels[-columns:]:
-            strip.set_xlabel("Time (s)")
+            strip.set_xlabel("time, s")
         legend_above(panels[0][0])
         if title:
             figure.suptitle(title, fontsize=7.5)
@@ -107,18 +99,77 @@ def _panels(figure: Sheet, columns: int) -> list[tuple[Axes, Axes]]:
     return pairs
 
 
-def _panel(
-    main: Axes, strip: Axes, t: Array, signals: tuple[Array, Array], name: str, unit: str
-) -> None:
-    """Draw one signal (n, 1), measured and simulated, and its error in a unit that fits."""
-    measured, simulated = signals
-    error = measured - simulated
-    factor, small = scaled(error, unit)
-    line(main, t, measured, color=COLOURS["measured"], lw=1.7, label="measured")
-    line(main, t, simulated, color=COLOURS["model"], lw=0.7, label="simulated")
-    line(strip, t, factor * error, color=COLOURS["error"], lw=0.6)
-    fit_to_inner(strip, factor * error)
-    main.set_ylabel(f"{name.capitalize()}\n({readable(unit)})")
-    strip.set_ylabel(f"Error\n({readable(small)})")
+def simulation_chart(
+    simulated: Simulation, record: Record, pipeline: Pipeline | None = None, *, caption: str
+) -> Chart:
+    """Return `simulation` as a chart that can be zoomed: a panel a signal, and the force error.
+
+    Parameters
+    ----------
+    simulated, record, pipeline
+        As for `simulation`.
+    caption : str
+        Of the chart on its page.
+    """
+    t, signals = _signals(simulated, record, pipeline)
+    panels = []
+    for s in signals:
+        factor, unit = scaled(s.measured, s.unit)
+        pair = (
+            Series("measured", factor * s.measured, "measured"),
+            Series("simulated", factor * s.simulated, "model"),
+        )
+        panels.append(Panel(s.quantity, readable(unit), pair))
+    last = signals[-1]
+    error = Series("error", last.error, "error")
+    panels.append(
+        Panel(f"{last.quantity} error", readable(last.unit), (error,), inner_limits(last.error))
+    )
+    still = simulation(simulated, record, pipeline, width_mm=160.0)
+    return Chart("simulation", t, tuple(panels), caption, worst(t, last.error), still)
+
+
+class _Signal(NamedTuple):
+    """One signal, measured and simulated, (n,) each, and its relative error in per cent."""
+
+    quantity: str
+    unit: str
+    measured: Array
+    simulated: Array
+    relative_error: float
+
+    @property
+    def error(self) -> Array:
+        return self.measured - self.simulated
+
+
+def _signals(
+    simulated: Simulation, record: Record, pipeline: Pipeline | None
+) -> tuple[Array, list[_Signal]]:
+    """Return the time, s, and the signals to compare, both without the trimmed samples."""
+    loop = simulated.loop
+    pipeline = pipeline or loop.pipeline(record)
+    head, tail = pipeline.trim
+    rows = slice(head, record.n_samples - tail)
+    measured = (*pipeline.differentiate(record.q, record.dt), loop.force(record))
+    errors, units = simulated.relative_error(record, pipeline), units_of(loop.joint)
+    rename = {"force": "torque"} if loop.joint == "revolute" else {}
+    signals = [
+        _Signal(rename.get(name, name), units[name], x[rows, 0], model[rows, 0], errors[name])
+        for name, x, model in zip(errors, measured, (*simulated.motion, simulated.tau), strict=True)
+    ]
+    return record.t[rows], signals
+
+
+def _panel(main: Axes, strip: Axes, t: Array, signal: _Signal) -> None:
+    """Draw one signal, measured and simulated, and its error in a unit that fits."""
+    factor, small = scaled(signal.error, signal.unit)
+    line(main, t, signal.measured, color=COLOURS["measured"], lw=1.7, label="measured")
+    line(main, t, signal.simulated, color=COLOURS["model"], lw=0.7, label="simulated")
+    line(strip, t, factor * signal.error, color=COLOURS["error"], lw=0.6)
+    fit_to_inner(strip, factor * signal.error)
+    main.set_title(f"{signal.relative_error:.3g} %", loc="right", fontsize=6.5, pad=2.5)
+    main.set_ylabel(f"{signal.quantity},\n{readable(signal.unit)}")
+    strip.set_ylabel(f"error,\n{readable(small)}")
     strip.locator_params(axis="y", nbins=3)
     main.locator_params(axis="y", nbins=5)

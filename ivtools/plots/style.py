@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from html import escape
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,16 @@ COLOURS = {
     "error": "#4d4d4d",
     "truth": "#000000",
     "series": ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"),
+}
+#: Colours that a page has its own of, light or dark.
+_THEMED = {
+    "#ffffff": "paper",
+    "#000000": "ink",
+    "#e4e4e4": "grid",
+    "#4d4d4d": "error",
+    "#56b4e9": "measured",
+    "#a03c00": "model",
+    "#57606a": "soft",
 }
 MARKERS = "osD^vP*X"
 
@@ -164,6 +176,26 @@ def encode(figure: Figure, kind: str = "svg", dpi: int = 200) -> bytes:
     with look():
         figure.savefig(buffer, format=kind, dpi=dpi, metadata=_FREE.get(kind))
     return buffer.getvalue()
+
+
+def inline(figure: Figure, name: str, alt: str) -> str:
+    """Return a figure as an SVG element of a page, in the page's own colours.
+
+    Parameters
+    ----------
+    figure : Figure
+    name : str
+        Makes the identifiers of the element its own.
+    alt : str
+        What it shows, for those who cannot see it.
+    """
+    text = encode(figure, "svg").decode("utf-8")
+    text = text[text.index("<svg") :]
+    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, count=1, flags=re.DOTALL)
+    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{re.sub(r'[^A-Za-z0-9]', '-', name)}-", text)
+    for colour, variable in _THEMED.items():
+        text = text.replace(colour, f"var(--{variable})")
+    return text.replace("<svg", f'<svg role="img" aria-label="{escape(alt, quote=True)}"', 1)
 
 
 def save(figure: Figure, path: str | Path, dpi: int = 200) -> Path:
