@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +11,9 @@ import numpy as np
 from ivtools import plots
 from ivtools.comparison import Comparison
 from ivtools.plots.chart import Chart
+from ivtools.plots.style import readable
 from ivtools.report import Card, Page, Picture
-from ivtools.tables import Text
+from ivtools.tables import Text, table
 
 if TYPE_CHECKING:
     from ivtools.estimators.drive_gain_results import DriveGain
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from ivtools.results import FitResults
     from ivtools.transfer_table import TransferTable
 
+VAGUE = 0.2  # a standard error above this share of the value tells little of it
+ILL_CONDITIONED = 200.0
 FORCE_CAPTION = "Force measured and reconstructed; below, their difference."
 
 
@@ -32,15 +35,84 @@ def fit_page(fit: FitResults, gain: DriveGain | None = None) -> Page:
     out = Page(
         f"{problem.record.name}: {fit.method.upper()}",
         f"Parameters of {problem.loop.name} identified from {problem.record!r}.",
+        fit_card(fit),
     )
     out.add("Estimates", tables=[fit.summary()], figures=[force_chart(fit)])
     if gain is not None:
         caption = "The drive gain, with its 95 % interval."
         picture = Picture("drive-gain", plots.drive_gain(gain), caption)
         out.add("Drive gain", tables=[gain.summary()], figures=[picture])
-    tests = "\n".join(str(test) for test in fit.tests().values())
-    out.add("Tests", *problem.record.notes, tables=[Text(tests)])
+    _add_residual(out, fit)
     return out
+
+
+def fit_card(fit: FitResults) -> Card:
+    """Return one result in plain words: values with units, and whether to trust them."""
+    sizes = ", ".join(f"{name} {_value(fit, name)}" for name in fit.names)
+    problem = fit.problem
+    unit = "N" if problem is None or problem.loop.joint == "prismatic" else "N m"
+    rms = float(np.sqrt(np.mean(np.square(fit.resids))))
+    left = f"{rms:.3g} {unit} rms, " if fit.signal == "force" else ""
+    facts = (
+        ("Parameters", sizes),
+        (f"Left of the {fit.signal}", f"{left}{fit.relative_error:.3g} %"),
+    )
+    doubts = tuple(_doubts(fit))
+    if not fit.converged:
+        return Card("Not converged: these are no estimates yet.", facts, doubts, "bad")
+    verdict = "Identified, with reservations." if doubts else "Identified."
+    return Card(verdict, facts, doubts, "doubt" if doubts else "good")
+
+
+def _value(fit: FitResults, name: str) -> str:
+    """Return a parameter with its unit and the half width of its 95 % interval."""
+    problem = fit.problem
+    unit = readable(problem.units[name]) if problem is not None else ""
+    value, half = float(fit.params[name]), 1.96 * float(fit.std_errors[name])
+    if not np.isfinite(half) or half == 0.0:
+        return f"{value:.4g} {unit}".rstrip()
+    places = max(0, 1 - int(np.floor(np.log10(half))))
+    return f"{value:.{places}f} ± {half:.{places}f} {unit}".rstrip()
+
+
+def _doubts(fit: FitResults) -> Iterator[str]:
+    """Yield what keeps a result from being trusted, each with its remedy."""
+    if not fit.converged:
+        yield "Start nearer (axis file, [model.start]), or take DIDIM or IDIM-IV instead."
+    vague = [n for n in fit.names if fit.std_errors[n] > VAGUE * abs(fit.params[n])]
+    if vague:
+        yield (
+            f"{', '.join(vague)}: the standard error is more than {100 * VAGUE:.0f} % of the value; "
+            "leave it out of the model, or move the axis in a way that shows it."
+        )
+    if fit.condition_number > ILL_CONDITIONED:
+        yield "The condition number is high: vary speed and acceleration more."
+
+
+def _add_residual(out: Page, fit: FitResults) -> None:
+    """Add what the residual still knows, and the tests; those that do not apply are folded."""
+    tests = list(fit.tests().values())
+    rows = [
+        [t.name, t.null, f"{t.statistic:.4g}", "–" if t.pvalue is None else f"{t.pvalue:.2g}"]
+        for t in tests
+        if t.statistic is not None
+    ]
+    others = [[t.name, t.reason] for t in tests if t.statistic is None]
+    header = ["test", "holds if p is not small", "statistic", "p value"]
+    picture = Picture(
+        "residual",
+        plots.whiteness(fit),
+        "What is left: its autocorrelation, with the band that white noise keeps in, and spectrum.",
+    )
+    folded = [("Tests that do not apply", table("", [], ["test", "why"], others, left=2))]
+    notes = fit.problem.record.notes if fit.problem is not None else ()
+    out.add(
+        "The residual, and tests",
+        *notes,
+        tables=[table("Tests", [], header, rows, left=2)],
+        figures=[picture],
+        folded=folded if others else (),
+    )
 
 
 def comparison_page(comparison: Comparison, holdout: Record | None = None) -> Page:

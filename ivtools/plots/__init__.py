@@ -20,6 +20,7 @@ from ivtools.plots.parameters import parameters
 from ivtools.plots.residuals import residuals
 from ivtools.plots.simulation import simulation, simulation_chart
 from ivtools.plots.style import Sheet, save
+from ivtools.plots.whiteness import whiteness
 
 __all__ = [
     "Sheet",
@@ -36,4 +37,5 @@ __all__ = [
     "simulation",
     "simulation_chart",
     "transfer_function",
+    "whiteness",
 ]
