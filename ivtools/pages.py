@@ -82,7 +82,7 @@ def _doubts(fit: FitResults) -> Iterator[str]:
     vague = [n for n in fit.names if fit.std_errors[n] > VAGUE * abs(fit.params[n])]
     if vague:
         yield (
-            f"{', '.join(vague)}: the standard error is more than {100 * VAGUE:.0f} % of the value; "
+            f"{', '.join(vague)}: the standard error is above {100 * VAGUE:.0f} % of the value; "
             "leave it out of the model, or move the axis in a way that shows it."
         )
     if fit.condition_number > ILL_CONDITIONED:

@@ -86,7 +86,7 @@ def _over_velocity(
         axes.plot(
             v, f, color=COLOURS["model"], label=None if number else f"curve, {level:.0%} band"
         )
-    axes.set(xlabel=f"velocity ({readable(speed)})", ylabel=f"friction ({readable(force)})")
+    axes.set(xlabel=f"velocity, {readable(speed)}", ylabel=f"friction, {readable(force)}")
     axes.axhline(0.0, color="#b0b0b0", lw=0.5, zorder=0.5)
     legend_above(axes, columns=2 + bool(models))
 
@@ -100,7 +100,7 @@ def _over_speed(axes: Axes, curve: FrictionCurve, level: float) -> None:
                 size, mean = np.abs(v), sign * f
                 axes.fill_between(size, mean - reach, mean + reach, color=colour, alpha=0.25, lw=0)
                 axes.plot(size, mean, color=colour, ls=style, label=label)
-    axes.set(xlabel=f"speed ({readable(speed)})", ylabel=f"|friction| ({readable(force)})")
+    axes.set(xlabel=f"speed, {readable(speed)}", ylabel=f"|friction|, {readable(force)}")
     axes.set_xlim(left=0.0)
     legend_above(axes)
 

@@ -105,8 +105,8 @@ def pareto(front: ParetoFront, *, width_mm: float = WIDTH_MM) -> Sheet:
         for j, (ax, name) in enumerate(zip(axes, others, strict=True), start=1):
             ax.plot(front.errors[:, 0], front.errors[:, j], ".", color=COLOURS["measured"], ms=3)
             ax.plot(*front.errors[front.knee, [0, j]], "o", color=COLOURS["model"], ms=4)
-            ax.set_ylabel(f"{name} error (%)")
-        axes[-1].set_xlabel(f"{first} error (%)")
+            ax.set_ylabel(f"{name} error, %")
+        axes[-1].set_xlabel(f"{first} error, %")
         figure.align_ylabels()
         figure.suptitle(f"Pareto front of {len(front.theta)} points, knee marked", fontsize=7.5)
     return figure
@@ -124,16 +124,17 @@ def transfer_function(results: TransferFunctionResults, *, width_mm: float = WID
     2
     """
     unit = "m" if results.problem.loop.joint == "prismatic" else "rad"
-    names = {"q": f"Position ({unit})", "dq": f"Velocity ({unit}/s)"}
+    names = {"q": f"position, {unit}", "dq": f"velocity, {unit}/s"}
+    quantity = names.get(results.estimator.output, "output")
     with look():
         figure = sheet(width_mm, 60.0)
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
         line(top, results.t, results.y, color=COLOURS["measured"], lw=1.7, label="measured")
         line(top, results.t, results.simulated, color=COLOURS["model"], lw=0.7, label="model")
         line(bottom, results.t, results.resids, color=COLOURS["error"], lw=0.6)
-        top.set_ylabel(names.get(results.estimator.output, "Output"))
-        bottom.set_ylabel("Error")
-        bottom.set_xlabel("Time (s)")
+        top.set_ylabel(quantity)
+        bottom.set_ylabel(quantity.replace(quantity.split(",")[0], "error"))
+        bottom.set_xlabel("time, s")
         legend_above(top)
         title = f"{results.method.upper()}, {results.structure}: {results.relative_error:.3g} %"
         figure.suptitle(title, fontsize=7.5)
@@ -162,7 +163,7 @@ def leaderboard(board: Leaderboard, *, width_mm: float = 1.5 * WIDTH_MM) -> Shee
             right.barh(mine, np.nan_to_num([entries[i].force for i in mine]), color=colour)
         left.set_yticks(at, [entry.label for entry in entries])
         left.set_xlabel("Free run (mm)")
-        right.set_xlabel("Force in closed loop (%)")
+        right.set_xlabel("force in closed loop, %")
         legend_above(left)
     return figure
 
@@ -191,6 +192,6 @@ def drive_gain(found: DriveGain, *, width_mm: float = WIDTH_MM) -> Sheet:
             ax.set_xlabel("Block of rows left out")
         else:
             ax.set_xticks([])
-        ax.set_ylabel(f"Drive gain ({found.unit})")
+        ax.set_ylabel(f"drive gain, {found.unit}")
         legend_above(ax)
     return figure

@@ -86,7 +86,7 @@ def _panel(axes: Axes, name: str, fits: Sequence[FitResults], level: float) -> N
             lw=1.1,
             capsize=2.0,
         )
-    axes.set_xlabel(f"{_shown(name)} [{readable(unit)}]" if unit else _shown(name))
+    axes.set_xlabel(f"{_shown(name)}, {readable(unit)}" if unit else _shown(name))
     axes.margins(x=0.12)
     axes.locator_params(axis="x", nbins=4)
     axes.grid(axis="y", visible=False)

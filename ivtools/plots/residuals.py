@@ -56,23 +56,23 @@ def residuals(
     problem = fits[-1].problem
     times = [np.arange(fit.nobs, dtype=float) if fit.t is None else fit.t for fit in fits]
     revolute = problem is not None and problem.loop.joint == "revolute"
-    quantity, unit = ("Torque", "N m") if revolute else ("Force", "N")
+    quantity, unit = ("torque", "N m") if revolute else ("force", "N")
     with look():
         figure = sheet(width_mm, 34.0 + 17.0 * len(fits))
         heights = [1.7] + [1.0] * len(fits)
         top, *strips = figure.subplots(1 + len(fits), 1, sharex=True, height_ratios=heights)
         line(top, times[-1], fits[-1].y, color=COLOURS["measured"], lw=1.7, label="measured")
         line(top, times[-1], fits[-1].fitted, color=COLOURS["model"], lw=0.7, label="reconstructed")
-        top.set_ylabel(f"{quantity} ({unit})")
+        top.set_ylabel(f"{quantity}, {unit}")
         legend_above(top)
         for strip, fit, t, name in zip(strips, fits, times, names, strict=True):
             line(strip, t, fit.resids, color=COLOURS["error"], lw=0.6)
             strip.set_title(f"{name}: {fit.relative_error:.2f} %", loc="left", fontsize=6.5, pad=2)
-            strip.set_ylabel(f"Error ({unit})")
+            strip.set_ylabel(f"error, {unit}")
             strip.sharey(strips[0])
         fit_to_inner(strips[0], *(fit.resids for fit in fits))
         for axes in (top, *strips[:-1]):
             axes.tick_params(bottom=False)
-        strips[-1].set_xlabel("Time (s)" if problem is not None else "Row")
+        strips[-1].set_xlabel("time, s" if problem is not None else "row")
         figure.align_ylabels()
     return figure

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 LABELS = {
-    "encoder_noise": "encoder noise [m]",
-    "quantum": "resolution of the encoder [m]",
-    "force_noise": "force noise [N]",
-    "sampling_hz": "sampling rate [Hz]",
-    "sampling": "sampling rate [Hz]",
-    "cutoff_hz": "cut-off of the band-pass [Hz]",
+    "encoder_noise": "encoder noise, m",
+    "quantum": "resolution of the encoder, m",
+    "force_noise": "force noise, N",
+    "sampling_hz": "sampling rate, Hz",
+    "sampling": "sampling rate, Hz",
+    "cutoff_hz": "cut-off of the band-pass, Hz",
 }
 """Factors as they are printed on an axis."""
 
@@ -54,7 +54,7 @@ def bias(score: Score, case: str | None = None, *, width_mm: float = WIDTH_MM) -
         panels = np.ravel(figure.subplots(rows, 2, squeeze=False, sharey=True))
         for axes, name in zip(panels, names, strict=False):
             _biases(axes, table[table["parameter"] == name], estimators)
-            axes.set_xlabel(f"bias of {_shown(name)} [%]")
+            axes.set_xlabel(f"bias of {_shown(name)}, %")
         for axes in panels[len(names) :]:
             axes.set_visible(False)
         panels[0].set_yticks(range(len(estimators)), estimators)
@@ -110,7 +110,7 @@ def levels(
         axes.set_yscale("log")
         name = factor.split(".")[-1]
         axes.set_xlabel(LABELS.get(name, name.replace("_", " ")))
-        axes.set_ylabel(f"RMSE{'' if parameter is None else ' of ' + _shown(parameter)} [%]")
+        axes.set_ylabel(f"RMSE{'' if parameter is None else ' of ' + _shown(parameter)}, %")
         figure.legend(loc="outside lower center", ncols=3)
     return figure
 
@@ -155,7 +155,7 @@ def heatmap(
             colour = "white" if dark else "black"
             axes.text(column, row, text, ha="center", va="center", color=colour, fontsize=6.5)
         what = "over all parameters" if parameter is None else f"of {_shown(parameter)}"
-        axes.set_title(f"RMSE {what} [%]")
+        axes.set_title(f"RMSE {what}, %")
     return figure
 
 

@@ -38,6 +38,7 @@ _THEMED = {
     "#56b4e9": "measured",
     "#a03c00": "model",
     "#57606a": "soft",
+    "#c8c8c8": "other",
 }
 MARKERS = "osD^vP*X"
 
@@ -191,6 +192,7 @@ def inline(figure: Figure, name: str, alt: str) -> str:
     """
     text = encode(figure, "svg").decode("utf-8")
     text = text[text.index("<svg") :]
+    text = re.sub(r' xmlns(:\w+)?="[^"]*"', "", text)  # a page knows them
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, count=1, flags=re.DOTALL)
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{re.sub(r'[^A-Za-z0-9]', '-', name)}-", text)
     for colour, variable in _THEMED.items():
