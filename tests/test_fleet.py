@@ -12,8 +12,8 @@ import pytest
 import ivtools as iv
 from ivtools.cli import run
 from ivtools.errors import IVToolsError
-from ivtools.gap import patrol
-from ivtools.gap.source import sources
+from ivtools.gap.fleet import run as fleet_run
+from ivtools.gap.fleet.source import sources
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 SAMPLES = 6000
@@ -68,7 +68,7 @@ def quick(fleet, made, loop, monkeypatch):
         asked.append((record.name, None if holdout is None else holdout.name))
         return replace(found, name=record.name)
 
-    monkeypatch.setattr(patrol, "diagnose", diagnose)
+    monkeypatch.setattr(fleet_run, "diagnose", diagnose)
     return asked
 
 
@@ -147,7 +147,7 @@ def test_whatever_a_diagnosis_rests_on_makes_it_another(made, loop, quick, tmp_p
     else:
         settings |= {
             "holdout": {"holdout": made[1]},
-            "rules": {"rules": iv.gap.Rules(margin=0.1)},
+            "rules": {"rules": iv.gap.Rules(equivalence=0.1)},
             "without": {"without": ["stribeck"]},
         }[change]
     iv.diagnose_fleet([file], loop, **settings)
@@ -159,18 +159,18 @@ def test_an_interrupted_fleet_says_what_is_left_and_goes_on(
     made, loop, quick, tmp_path, monkeypatch
 ):
     records = [made[0].slice(0, 1000 + k).replace(name=f"r{k}") for k in range(4)]
-    diagnose = patrol.diagnose
+    diagnose = fleet_run.diagnose
 
     def stop(record, *rest, **settings):
         if record.name == "r2":
             raise KeyboardInterrupt
         return diagnose(record, *rest, **settings)
 
-    monkeypatch.setattr(patrol, "diagnose", stop)
+    monkeypatch.setattr(fleet_run, "diagnose", stop)
     with pytest.raises(KeyboardInterrupt, match="2 of 4 records diagnosed; .* goes on from there"):
         iv.diagnose_fleet(records, loop, path=tmp_path, n_jobs=1)
     assert len(pd.read_csv(tmp_path / "fleet.csv")) == 2
-    monkeypatch.setattr(patrol, "diagnose", diagnose)
+    monkeypatch.setattr(fleet_run, "diagnose", diagnose)
     del quick[:]
     iv.diagnose_fleet(records, loop, path=tmp_path, n_jobs=1)
     assert [name for name, _ in quick] == ["r2", "r3"]
@@ -198,12 +198,12 @@ def test_the_holdout_reaches_the_diagnosis(made, loop, quick):
 
 
 def test_an_error_of_ours_ends_one_record_only(made, loop, quick, monkeypatch):
-    diagnose = patrol.diagnose
+    diagnose = fleet_run.diagnose
 
     def fail(record, *rest, **settings):
         return 1 / 0 if record.name == "axis_0" else diagnose(record, *rest, **settings)
 
-    monkeypatch.setattr(patrol, "diagnose", fail)
+    monkeypatch.setattr(fleet_run, "diagnose", fail)
     found = iv.diagnose_fleet(made, loop, n_jobs=1)
     assert found["axis_0"].error == "internal error: ZeroDivisionError: division by zero"
     assert len(found.done) == 1
@@ -285,7 +285,7 @@ def test_an_interrupted_command_says_how_to_go_on(command, quick, logs, tmp_path
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(patrol, "diagnose", stop)
+    monkeypatch.setattr(fleet_run, "diagnose", stop)
     status, _, err = command(logs, "--out", tmp_path / "out")
     assert status == 130 and "the same command goes on from there" in err
     assert Path(tmp_path / "out" / "fleet.csv").exists()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ivtools as iv
-from ivtools.gap import VERDICTS, findings, parity
+from ivtools.gap import VERDICTS, parity, preflight
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 
@@ -144,7 +144,7 @@ def test_bad_input_is_reported_instead_of_an_effect(loop, change, words):
 def test_wrong_gains_are_the_axis_files_fault(loop):
     wrong = replace(loop, controller=replace(loop.controller, settings={"kp": 80.0, "kv": 243.45}))
     record = iv.datasets.twin()
-    found = findings.inspect(record, wrong, parity.check(record, wrong))
+    found = preflight.inspect(record, wrong, parity.check(record, wrong))
     assert any("kp +100 %" in f.text for f in found)
 
 

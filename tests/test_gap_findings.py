@@ -8,7 +8,7 @@ import pytest
 
 import ivtools as iv
 from ivtools.cli import run
-from ivtools.gap import findings, hints, pair, parity
+from ivtools.gap import parity, preflight
 from ivtools.loop import Controller
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -150,7 +150,7 @@ def test_one_direction_is_said(twin, loop):
 def test_one_direction_is_enough_for_a_model_without_offset(twin, loop):
     q_ref = 0.02 * twin.t + 0.004 * np.sin(np.pi * twin.t)
     record, model = moved(loop, twin, q_ref), loop.with_terms("inertia", "viscous", "coulomb")
-    (found,) = findings.inspect(record, model, parity.check(record, model))
+    (found,) = preflight.inspect(record, model, parity.check(record, model))
     assert "one direction only" in found.text and not found.fatal
 
 
@@ -204,17 +204,17 @@ def test_a_holdout_of_another_axis_is_said(twin, loop):
 
 # -- what is no fault ------------------------------------------------------------------------------
 def test_a_sound_record_has_no_finding(record, loop):
-    assert findings.inspect(record, loop, parity.check(record, loop)) == []
+    assert preflight.inspect(record, loop, parity.check(record, loop)) == []
 
 
 def test_two_records_of_one_axis_are_a_pair(emps, emps_pulses):
-    assert pair.overlap(emps, emps_pulses) == []
+    assert preflight.overlap(emps, emps_pulses) == []
 
 
 @pytest.mark.parametrize("unit", ["mm", "µm", "cm", "inches"])
 def test_a_hint_knows_the_unit(unit):
-    factor = 1.0 / hints._SCALES["prismatic"][unit]
-    assert f"in {unit}" in hints.scale(1.05 * factor, "prismatic", "q")
+    factor = 1.0 / preflight._UNITS["prismatic"][unit]
+    assert f"in {unit}" in preflight.looks_like(1.05 * factor, "prismatic", "q")
 
 
 # -- a controller that is to be identified ---------------------------------------------------------

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import ivtools as iv
-from ivtools.gap.replica import replicas
-from ivtools.gap.trial import Rules
+from ivtools.gap.rules import Rules
+from ivtools.gap.verdict import replicas
 
 SIDES = ("one", "other")
 

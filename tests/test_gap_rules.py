@@ -4,7 +4,7 @@ import pytest
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap.confidence import Evidence, probability
+from ivtools.gap.attribute import Evidence, probability
 from ivtools.gap.rules import Rules
 from ivtools.physics import EFFECTS
 
@@ -44,7 +44,7 @@ def test_every_name_comes_with_a_probability(lines_and_drift):
     found = lines_and_drift.to_dict()
     assert set(found["probability"]) == set(found["effects"])
     assert all(0.5 < p < 1.0 for p in found["probability"].values())
-    assert all(e["share"] > 0.0 and e["t"] > 5.0 for e in found["evidence"].values())
+    assert all(e["gain"] > 0.0 and e["t"] > 5.0 for e in found["evidence"].values())
 
 
 def test_without_a_wrong_controller_nothing_is_put_right(lines_and_drift):
@@ -63,13 +63,19 @@ def test_effects_of_the_same_size_are_not_ambiguous_for_that():
 
 
 def test_evidence_counts_in_the_right_direction():
-    weak = Evidence(share=0.03, t=7.0, mismatch=1.5, rival=0.9, part=0.1, left=1.5)
-    for better in ({"t": 50.0}, {"mismatch": 1.0}, {"rival": 0.0}, {"left": 1.0}, {"share": 0.5}):
+    weak = Evidence(gain=0.03, t=7.0, disagreement=1.5, rival=0.9, share=0.1, left=1.5)
+    for better in (
+        {"t": 50.0},
+        {"disagreement": 1.0},
+        {"rival": 0.0},
+        {"left": 1.0},
+        {"gain": 0.5},
+    ):
         assert probability(Evidence(**{**weak.to_dict(), **better})) > probability(weak)
 
 
 def test_every_family_has_its_bar():
     rules = Rules()
-    assert rules.bar(EFFECTS["backlash"]) is rules.everywhere
-    assert rules.bar(EFFECTS["cogging"]) is rules.line
-    assert rules.bar(EFFECTS["spring"]) is rules.other
+    assert rules.threshold(EFFECTS["backlash"]) is rules.everywhere
+    assert rules.threshold(EFFECTS["cogging"]) is rules.periodic
+    assert rules.threshold(EFFECTS["spring"]) is rules.other

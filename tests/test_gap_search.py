@@ -5,7 +5,7 @@ import pytest
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap.candidates import Box, Scales, alternatives, library, scans
+from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
 from ivtools.physics import EFFECTS
 

@@ -4,7 +4,7 @@
 
 draws training cases of every suite, notes the evidence for the best candidate of every round of
 the selection, named or not, and whether it is in the truth, and fits a logistic regression.
-`ivtools.gap.confidence.WEIGHTS` holds what it prints.
+`ivtools.gap.rules.WEIGHTS` holds what it prints.
 """
 
 from __future__ import annotations
@@ -34,10 +34,13 @@ _RIDGE = 1.0  # of the standardised weights, against the count of candidates
 def candidates(task: Task) -> list[dict[str, Any]]:
     """Return a row of evidence for the best candidate of every round, and whether it is true."""
     warnings.simplefilter("ignore")
+    from importlib import import_module
+
     import ivtools as iv
-    from ivtools.gap import process
     from ivtools.gap.attribute import Attribution
     from ivtools.loop.axis_file import from_tables
+
+    process = import_module("ivtools.gap.diagnose")  # the function of that name hides it
 
     case, seen = draw(task), []
     attribute = process.attribute
@@ -57,13 +60,12 @@ def candidates(task: Task) -> list[dict[str, Any]]:
 
 
 def _rows(task: Task, found: Any) -> Iterator[dict[str, Any]]:
-    from ivtools.gap.confidence import evidence
-    from ivtools.gap.rounds import cost
+    from ivtools.gap.attribute import cost, evidence
 
     for r in found.rounds:
         if not r.trials:
             continue
-        best = r.best or max(r.trials, key=lambda t: t.share)
+        best = r.best or max(r.trials, key=lambda t: t.gain)
         rivals = r.rivals(found.rules, cost(found.held))
         others = [t for t in r.trials if t is not best and t not in rivals]
         names = {best.name, *(t.name for t in rivals)}
@@ -76,7 +78,7 @@ def fit(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Return the weights of a logistic regression with a small ridge."""
     from scipy.optimize import minimize
 
-    from ivtools.gap.confidence import Evidence, features
+    from ivtools.gap.attribute import Evidence, features
 
     names = list(features(Evidence(0.1, 10.0, 1.0, 0.0, 0.1, 1.0)))
     X = np.array([[features(_evidence(r))[n] for n in names] for r in rows])
@@ -95,7 +97,7 @@ def fit(rows: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def _evidence(row: dict[str, Any]) -> Any:
-    from ivtools.gap.confidence import Evidence
+    from ivtools.gap.attribute import Evidence
 
     return Evidence(**{n: row[n] for n in Evidence.__dataclass_fields__})
 

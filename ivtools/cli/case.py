@@ -42,7 +42,7 @@ def load(
         One of them cannot be found, read or used.
     """
     from ivtools import datasets
-    from ivtools.plausibility import doubts
+    from ivtools.gap.preflight import doubts
 
     loop = load_axis(axis or own_axis(record))
     found = datasets.load(record, data, None if record in datasets.REGISTRY else loop.columns)

@@ -5,12 +5,11 @@ print(gap.summary())
 fleet = iv.diagnose_fleet(Path("logs").glob("*.csv"), loop, path="fleet")
 """
 
-from .diagnosis import VERDICTS, Diagnosis, Ranked
-from .entry import Entry
-from .fleet import Fleet
-from .patrol import diagnose_fleet
-from .process import diagnose
+from .diagnose import diagnose
+from .diagnosis import Diagnosis
+from .fleet import Entry, Fleet, diagnose_fleet
 from .rules import Rules
+from .verdict import VERDICTS, Ranked
 
 __all__ = [
     "VERDICTS",

@@ -12,11 +12,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..loop import ClosedLoop
 from ..record import Record
 from . import response as responses
-from .candidates import Scales
+from .attribute import Attribution
 from .fit import Fit, jacobian, steps
+from .floor import Measured
 from .fold import usable
+from .library import Scales
+from .rules import BETTER_MOTION, REMARK
 
 Array = NDArray[np.float64]
 
@@ -75,7 +79,7 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
         for text, change in EXCITATIONS.items()
     }
     text = max(better, key=lambda t: better[t])
-    if better[text] < 1.3 * now:
+    if better[text] < BETTER_MOTION * now:
         return (
             f"{name} and {other} look alike on every motion tried (they share "
             f"{100 * (1 - now):.0f} % of their signature); measure at another place of the loop"
@@ -119,3 +123,54 @@ def _signature(fit: Fit, name: str, record: Record) -> tuple[Array, Array]:
         fold, plain, values, free, steps(fold, plain, Scales(record, plain)), simulation, e
     )
     return e - fold.error(loop, fit.values), J
+
+
+def motions(result: Attribution) -> list[str]:
+    """Return which motions would tell apart what is ambiguous."""
+    lines = []
+    fits = {t.name: t.fits[0] for t in result.trials}
+    for name, others in result.ambiguous.items():
+        for other in others:
+            if name in fits and other in fits:
+                lines.append(separate(fits[name], fits[other], name, other))
+    return lines
+
+
+def remarks(
+    loop: ClosedLoop, measured: tuple[Measured, ...], result: Attribution, held_out: bool
+) -> list[str]:
+    """Return what a person should know about the records."""
+    lines = []
+    for m, compared in zip(measured, result.base, strict=False):
+        p, name = m.parity, m.fold.record.name
+        beyond = 1.0 - compared.fold.n_kept / m.fold.n_kept
+        if held_out and not m.floor.isolated and beyond > REMARK:
+            lines.append(
+                f"{name}: in {100 * beyond:.0f} % of it the axis is where the other record has not "
+                "been, or later than that; effects are named from the rest"
+            )
+        if p.delay != loop.controller.delay:
+            lines.append(
+                f"{name}: the recorded command follows the measured position by {p.delay} samples, "
+                f"the axis file says {loop.controller.delay}; parity error {100 * p.before:.2g} % "
+                f"-> {100 * p.after:.2g} %"
+            )
+        if "added" in p.mismatch:
+            lines.append(
+                f"{name}: the added input acts {100 * p.mismatch['added']:+.2g} % larger than "
+                "recorded"
+            )
+        if m.floor.isolated:
+            when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in m.floor.events[:6])
+            lines.append(f"{name}: stands out and does not come again: {when}")
+        if p.clipped > 0.0:
+            lines.append(
+                f"{name}: the command sits at its limit in {100 * p.clipped:.2g} % of the samples; "
+                "records at the limit are hard to reproduce"
+            )
+    if not held_out:
+        lines.append(
+            "no hold-out: stretches of the record judged each other; a second record makes "
+            "the answer stronger"
+        )
+    return lines

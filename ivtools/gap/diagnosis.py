@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..loop import ClosedLoop
-from ..record import Record
 from ..tables import Text, table
-from .confidence import Evidence
-from .findings import Finding
+from .attribute import Evidence
 from .floor import Floor
 from .locate import Region
 from .parity import Parity
-from .quantify import Shrink
-from .replica import Replica
+from .preflight import Finding
+from .quantify import Shrink, Traces
+from .rules import CORRECTED, NOTHING_ALONE
+from .verdict import VERDICTS, Ranked, Replica
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,69 +27,6 @@ if TYPE_CHECKING:
     from ..report import Page
 
 Array = NDArray[np.float64]
-
-_ALONE = 0.02  # share of the gap below which an effect closes nothing alone
-
-VERDICTS = {
-    "adequate": "the model is as good as the measurement is repeatable",
-    "explained": "the named effects close the gap",
-    "partial": "the named effects close part of the gap; a significant part remains",
-    "unexplained": "there is a gap that no known effect explains",
-    "non-repeatable": "the gap comes and goes: something from outside, or a changed setting",
-}
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """One effect in the ranking.
-
-    Parameters
-    ----------
-    effect : str
-    closed : float
-        Fraction of the reducible energy of the gap that it closes alone.
-    p_value : float
-        Of no gain on held-out data, corrected for all effects tried; 1 if it was not fitted.
-    held_out : bool
-        Whether `closed` was judged on held-out data; else it is the screening's estimate.
-    replicates : bool
-        Whether it passes the rules for a name.
-    """
-
-    effect: str
-    closed: float
-    p_value: float
-    held_out: bool
-    replicates: bool
-
-    @property
-    def chance(self) -> str:
-        """The p value as it is printed."""
-        if not self.held_out:
-            return "screened"
-        return f"{self.p_value:.3f}" if self.p_value > 0.0 else "< 0.002"  # of 500 draws
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the JSON of the entry."""
-        return {
-            "effect": self.effect,
-            "closed": self.closed,
-            "p_value": self.p_value,
-            "held_out": self.held_out,
-            "replicates": self.replicates,
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class Traces:
-    """Signals for the figures, on the record that judged."""
-
-    record: Record
-    keep: NDArray[np.bool_]
-    measured: Array
-    before: Array
-    after: Array
-    spectra: tuple[Array, Array, Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +152,7 @@ class Diagnosis:
                 f"closed {100 * s.closed:.0f} %",
                 "  ",
             )
-            if s.corrected < 0.98 * s.before:
+            if s.corrected < CORRECTED * s.before:
                 lines.append(f"  of which the controller, put right: {s.corrected:.3g} {s.unit}")
         return lines
 
@@ -227,7 +164,7 @@ class Diagnosis:
     def beside(self) -> tuple[str, ...]:
         """Named effects that close next to nothing alone, and show once others are in the model."""
         alone = {r.effect: r.closed for r in self.ranking}
-        return tuple(e for e in self.effects if alone.get(e, 1.0) < _ALONE)
+        return tuple(e for e in self.effects if alone.get(e, 1.0) < NOTHING_ALONE)
 
     def plot(self) -> Figure:
         """Return the figure that shows the answer."""

@@ -16,15 +16,11 @@ from ..linalg import solve_iv
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..problem import Problem
-from .candidates import Scales
 from .fold import Fold
+from .library import Scales
+from .rules import CONVERGED, KEEP_JACOBIAN, REACH, STEP
 
 Array = NDArray[np.float64]
-
-_NEAR = 0.01  # relative decrease below which sensitivities are kept
-_TOL = 3e-4  # relative decrease of the cost that ends the search
-_STEP = 0.01  # finite difference, in natural units
-_REACH = 3.0  # largest step of a shape parameter, as a factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +67,7 @@ def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:
             size = abs(shape[p.name]) or scales.natural(term, i, shape)
             if term.search == "lines" and not p.linear:  # what turns the phase along the stroke
                 size *= min(size / scales.sizes["stroke"], 1.0)
-            out[name] = _STEP * (scales.natural(term, i, shape) if p.linear else size)
+            out[name] = STEP * (scales.natural(term, i, shape) if p.linear else size)
     return out
 
 
@@ -154,9 +150,9 @@ def gauss_newton(
         if trial is None or gain <= 0.0:
             break
         values, e = trial, e_new
-        if gain < _TOL:
+        if gain < CONVERGED:
             break
-        if gain > _NEAR:
+        if gain > KEEP_JACOBIAN:
             J = jacobian(fold, loop, values, free, step, simulation, e)
     return Fit(fold, loop, values, free, e, J)
 
@@ -197,7 +193,7 @@ def _search(
         e_new = fold.judged(loop, found)
         if e_new @ e_new < e @ e:
             return trial, found, e_new
-        if factor == 1.0 and e_new @ e_new < (1.0 + _TOL) * (e @ e):
+        if factor == 1.0 and e_new @ e_new < (1.0 + CONVERGED) * (e @ e):
             break
     return None, simulation, e
 
@@ -206,7 +202,7 @@ def _bounded(loop: ClosedLoop, name: str, value: float, change: float) -> float:
     """Move a parameter within its bounds; one that must be positive moves by a factor at most."""
     p, new = loop.parameters[name], value + change
     if name == "inertia" or (not p.linear and p.lower >= 0.0 and value > 0.0):
-        new = float(np.clip(new, value / _REACH, value * _REACH))
+        new = float(np.clip(new, value / REACH, value * REACH))
     return float(np.clip(new, p.lower, p.upper))
 
 

@@ -15,18 +15,25 @@ from scipy import linalg, signal
 
 from ..loop import Simulation
 from ..record import Record
-from . import periods
+from . import spatial_lines
 from .fit import Fit
-from .fold import Fold
+from .fold import Fold, Side
+from .parity import Parity
 from .response import Response, features, waves
+from .rules import (
+    EVENT,
+    EVENT_SPREAD,
+    EVENT_TIME,
+    FEW_EVENTS,
+    NOISE_ORDER,
+    PERIODIC,
+    QUIET,
+    SPLIT_HZ,
+    WINDOW,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-ORDER = 20
-_WINDOW = 0.1  # s
-_LOW_HZ = 12.0
-_OUTLIER = 8.0  # median absolute deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +74,36 @@ class Floor:
         if self.between is not None:
             return self.between
         return self.noise if self.passes is None else min(self.noise, self.passes)
+
+    @property
+    def isolated(self) -> bool:
+        """Whether few stretches stand out: events, not a way of the model to be wrong."""
+        share = float(np.mean(self.event_mask))
+        return 0 < len(self.events) <= FEW_EVENTS and share < EVENT_TIME
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A record with its base model and floor, ready to be judged.
+
+    Parameters
+    ----------
+    side : Side
+    base : Fit
+        The model without effects.
+    floor : Floor
+    parity : Parity
+    """
+
+    side: Side
+    base: Fit
+    floor: Floor
+    parity: Parity
+
+    @property
+    def fold(self) -> Fold:
+        """What is compared of the record."""
+        return self.side.fold
 
 
 def measure(fit: Fit, response: Response, raw: Array) -> Floor:
@@ -116,7 +153,7 @@ def _lines(
 ) -> Array:
     """Return waves over position at the strongest periods, plain, by load and by speed."""
     fold = replace(fold, whitener=whitener)
-    found = periods.search(fold, response, fold.white(rest), simulation, count=1)
+    found = spatial_lines.search(fold, response, fold.white(rest), simulation, count=1)
     return waves(simulation, found)
 
 
@@ -144,7 +181,7 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, keep: Mask) ->
 
 def _windows(x: Array, keep: Mask, dt: float) -> tuple[Array, NDArray[np.int_], int]:
     """Return the mean of each window, how many samples of it count, and its width."""
-    width = max(round(_WINDOW / dt), 10)
+    width = max(round(WINDOW / dt), 10)
     count = len(x) // width
     counts = keep[: count * width].reshape(count, width).sum(axis=1)
     sums = np.where(keep, x, 0.0)[: count * width].reshape(count, width).sum(axis=1)
@@ -153,26 +190,26 @@ def _windows(x: Array, keep: Mask, dt: float) -> tuple[Array, NDArray[np.int_], 
 
 def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows that are quiet above and below 12 Hz."""
-    sos = signal.butter(2, min(2 * _LOW_HZ * dt, 0.9), output="sos")
+    sos = signal.butter(2, min(2 * SPLIT_HZ * dt, 0.9), output="sos")
     low = signal.sosfiltfilt(sos, x)
     good = np.ones(0, dtype=bool)
     for part in (low, x - low):
         energy, counts, width = _windows(part**2, keep, dt)
         full = counts >= 0.8 * width
-        level = np.quantile(energy[full], 0.7) if full.any() else np.inf
+        level = np.quantile(energy[full], QUIET) if full.any() else np.inf
         ok = full & (energy <= level)
         good = ok if not len(good) else good & ok
     mask = np.zeros(len(x), dtype=bool)
     mask[: len(good) * width] = np.repeat(good, width)
-    return mask if mask.sum() > 20 * ORDER else keep
+    return mask if mask.sum() > 20 * NOISE_ORDER else keep
 
 
 def _autoregression(x: Array, mask: Mask) -> Array:
     """Return the whitening polynomial of the masked samples by the Yule-Walker equations."""
     x = np.where(mask, x, 0.0)
-    pairs = [float(mask[k:].astype(float) @ mask[: len(x) - k]) for k in range(ORDER + 1)]
+    pairs = [float(mask[k:].astype(float) @ mask[: len(x) - k]) for k in range(NOISE_ORDER + 1)]
     r = np.array([x[k:] @ x[: len(x) - k] / max(n, 1.0) for k, n in enumerate(pairs)])
-    r *= np.exp(-0.5 * (0.02 * np.arange(ORDER + 1)) ** 2)  # keeps the polynomial stable
+    r *= np.exp(-0.5 * (0.02 * np.arange(NOISE_ORDER + 1)) ** 2)  # keeps the polynomial stable
     r[0] *= 1.0 + 1e-6
     if not r[0] > 0.0:
         return np.ones(1)
@@ -207,7 +244,7 @@ def events(white: Array, keep: Mask, dt: float) -> Mask:
         return np.zeros(len(white), dtype=bool)
     middle = np.median(energy[full])
     spread = 1.4826 * np.median(np.abs(energy[full] - middle))
-    bad = full & (energy > middle + _OUTLIER * max(spread, 0.1 * middle))
+    bad = full & (energy > middle + EVENT * max(spread, EVENT_SPREAD * middle))
     bad = bad | np.roll(bad, 1) | np.roll(bad, -1) if bad.any() else bad
     mask = np.zeros(len(white), dtype=bool)
     mask[: len(bad) * width] = np.repeat(bad, width)
@@ -237,7 +274,7 @@ def reference_period(record: Record) -> float | None:
     away = np.flatnonzero(mismatch > 0.1)
     if not len(away):
         return None
-    good = np.flatnonzero(mismatch[max(away[0], least) :] < 1e-4)
+    good = np.flatnonzero(mismatch[max(away[0], least) :] < PERIODIC)
     return (
         None
         if not len(good)

@@ -17,15 +17,15 @@ from scipy import signal
 
 from ..loop import ClosedLoop, Simulation
 from ..record import Record
+from .library import Scales
 from .response import Response
+from .rules import AT_LIMIT, BLOCK, DIVERGED, NEAR_LIMIT, REST, STANDING, TRANSIENT
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Values = Mapping[str, float]
 
-BLOCK = 0.4  # s, length of the blocks that count as independent
-_TRANSIENT = 0.15  # s after the start in which the initial state still shows
-_REST = 0.1  # s of standing reference after which the axis may be stuck anywhere
+
+Values = Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Fold:
     def judged(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return the whitened force error of a simulation, (n_kept,); large if it diverged."""
         e = self.gap(loop, simulation)
-        return self.white(e) if np.isfinite(e[-1]) else np.full(self.n_kept, 1e6)
+        return self.white(e) if np.isfinite(e[-1]) else np.full(self.n_kept, DIVERGED)
 
     def only(self, keep: Mask, label: str) -> Fold:
         """Return the fold of those of its samples that are kept."""
@@ -123,18 +123,18 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
     the axis is stuck wherever friction caught it and the command says little about the model.
     """
     keep = np.ones(record.n_samples, dtype=bool)
-    keep[: round(_TRANSIENT / record.dt)] = False
+    keep[: round(TRANSIENT / record.dt)] = False
     own = loop.command(record)[:, 0]
     own = own - record.added[:, 0] if record.added is not None else own
-    keep &= ~_dilate(np.abs(own) >= 0.999 * loop.controller.limit, round(0.05 / record.dt))
+    keep &= ~_dilate(np.abs(own) >= AT_LIMIT * loop.controller.limit, round(NEAR_LIMIT / record.dt))
     return keep & ~_standing(record)
 
 
 def _standing(record: Record) -> Mask:
     assert record.q_ref is not None
     speed = np.abs(np.gradient(record.q_ref[:, 0], record.dt))
-    still = speed < 1e-4 * np.max(speed)
-    width = max(round(_REST / record.dt), 1)
+    still = speed < STANDING * np.max(speed)
+    width = max(round(REST / record.dt), 1)
     run = signal.lfilter(np.ones(width), [1.0], still) > width - 0.5
     return np.asarray(run, dtype=bool)
 
@@ -143,3 +143,27 @@ def _dilate(mask: Mask, width: int) -> Mask:
     if not mask.any():
         return mask
     return np.convolve(mask, np.ones(2 * width + 1), mode="same") > 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One fold with what the attribution needs of it.
+
+    Parameters
+    ----------
+    fold : Fold
+    response : Response
+        Of the command to a force.
+    scales : Scales
+    rough : float
+        Share of the record that no smooth law of the state explains.
+    simulated : dict
+        Change of the force error, N or N m, (n_samples,), by effect and starting point: what the
+        screening has simulated once and need not again.
+    """
+
+    fold: Fold
+    response: Response
+    scales: Scales
+    rough: float = 0.0
+    simulated: dict[tuple[object, ...], Array] = field(default_factory=dict)

@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from ..physics import TERMS
 from ..record import Record
+from .rules import ACCELERATING, BANDS, NEAR_REVERSAL
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-_NEAR = 0.05  # s around a reversal or an edge
-_BANDS = (0.0, 2.0, 12.0, 50.0, np.inf)  # Hz
 
 
 @dataclass(frozen=True)
@@ -64,10 +62,10 @@ def _masks(record: Record) -> dict[str, Mask]:
     q, dt = record.q_ref[:, 0], record.dt
     dq = np.gradient(q, dt)
     ddq = np.gradient(dq, dt)
-    width = max(round(_NEAR / dt), 1)
+    width = max(round(NEAR_REVERSAL / dt), 1)
     sign = np.sign(dq)
     reversal = _near(np.diff(sign, prepend=sign[0]) != 0, width)
-    accelerating = (np.abs(ddq) > 0.05 * np.max(np.abs(ddq))) & ~reversal
+    accelerating = (np.abs(ddq) > ACCELERATING * np.max(np.abs(ddq))) & ~reversal
     masks = {
         "reversal": reversal,
         "acceleration": accelerating,
@@ -101,7 +99,7 @@ def _bands(record: Record, keep: Mask, before: Array, after: Array) -> list[Regi
     power = [np.abs(np.fft.rfft(np.where(keep, e, 0.0))) ** 2 for e in (before, after)]
     total = float(power[0].sum())
     found = []
-    for low, high in zip(_BANDS[:-1], _BANDS[1:], strict=True):
+    for low, high in zip(BANDS[:-1], BANDS[1:], strict=True):
         band = (hz >= low) & (hz < high)
         name = f"{low:g} to {high:g} Hz" if np.isfinite(high) else f"above {low:g} Hz"
         shares = [float(p[band].sum()) / max(total, 1e-300) for p in power]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..tables import Text, table
-from .replica import quantity
+from .verdict import VERDICTS, quantity
 
 if TYPE_CHECKING:
     from ..report import Page
@@ -25,7 +25,6 @@ def page(diagnosis: Diagnosis) -> Page:
     """
     from ..plots import gap as figures
     from ..report import Page, Picture
-    from .diagnosis import VERDICTS
 
     verdict = diagnosis.verdict
     out = Page(f"Diagnosis of {diagnosis.name}", f"{verdict}: {VERDICTS[verdict]}.")

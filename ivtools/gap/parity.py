@@ -15,16 +15,26 @@ from numpy.typing import NDArray
 
 from ..loop import ClosedLoop, Controller
 from ..record import Record
+from .rules import (
+    AT_LIMIT,
+    AT_TOP,
+    CUT,
+    CUT_SHARE,
+    GAIN_ERROR,
+    GAIN_EXPLAINS,
+    GAIN_NEEDED,
+    GAIN_RANGE,
+    GAIN_T,
+    LAW_ERROR,
+    LIMIT_SAMPLES,
+    MAX_DELAY,
+    PARITY_BLOCKS,
+    PARITY_HEAD,
+)
 
 Array = NDArray[np.float64]
 
 NAMES = ("kp", "kv", "velocity_filter", "added")
-_MAX_DELAY = 5  # samples
-_HEAD = 20  # samples that still know the time before the record
-_CLIPPED = 8  # samples that sit on the same extreme before it counts as a limit
-_MATERIAL = 0.004  # a smaller relative error of a gain is not worth a name
-_T = 8.0  # block-robust t value from which a mismatch is one
-_GAIN = 0.2  # share of the parity error that a mismatch has to explain
 
 
 @dataclass(frozen=True)
@@ -61,7 +71,7 @@ class Parity:
     @property
     def trustworthy(self) -> bool:
         """Whether the law, as corrected, reproduces the command."""
-        return self.after < 0.2
+        return self.after < LAW_ERROR
 
 
 def check(record: Record, loop: ClosedLoop) -> Parity:
@@ -78,7 +88,7 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
     -------
     Parity
     """
-    signals = _Signals(record, loop)
+    signals = Signals(record, loop)
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
     limit, clipped = _limit(signals, loop.controller)
     free = ~clipped
@@ -86,11 +96,11 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
     kept = _material(signals, loop.controller, delay, fitted, tvalues, free)
     controller = _corrected(loop.controller, delay, kept, limit)
     error = signals.error(controller, delay, kept.get("added", 0.0))
-    size = np.linalg.norm(signals.command[_HEAD:])
+    size = np.linalg.norm(signals.command[PARITY_HEAD:])
     return Parity(
         loop=replace(loop, controller=controller),
-        before=float(np.linalg.norm(declared[_HEAD:]) / size),
-        after=float(np.linalg.norm(error[_HEAD:]) / size),
+        before=float(np.linalg.norm(declared[PARITY_HEAD:]) / size),
+        after=float(np.linalg.norm(error[PARITY_HEAD:]) / size),
         delay=delay,
         mismatch=kept,
         tvalues={name: tvalues[name] for name in kept},
@@ -99,8 +109,27 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
     )
 
 
-class _Signals:
-    """The signals of the control law, one column each."""
+def effects(
+    checked: tuple[Parity, ...],
+) -> tuple[list[str], dict[str, dict[str, float]]]:
+    """Return what the controller itself shows, decided at parity level."""
+    effects, values = [], {}
+    limits = [p.limit for p in checked if p.limit is not None]
+    if limits:
+        effects.append("saturation")
+        values["saturation"] = {"limit": float(np.mean(limits))}
+    names = {n for p in checked for n in p.mismatch}
+    if names:
+        effects.append("controller-mismatch")
+        values["controller-mismatch"] = {
+            n: float(np.mean([p.mismatch[n] for p in checked if n in p.mismatch]))
+            for n in sorted(names)
+        }
+    return effects, values
+
+
+class Signals:
+    """What a control law sees and what it gave, (n_samples,) each."""
 
     def __init__(self, record: Record, loop: ClosedLoop) -> None:
         assert record.q_ref is not None
@@ -111,13 +140,16 @@ class _Signals:
         self.added = record.added[:, 0] if record.added is not None else np.zeros(len(self.q))
         self.command = loop.command(record)[:, 0]
 
+    def fed(self, controller: Controller) -> Array:
+        """Return the command of the law fed with the measured position, settled at first, (n,)."""
+        return controller.law(self.dt)(self.q_ref, self.dq_ref, self.q)
+
     def law(self, controller: Controller, delay: int) -> Array:
-        """Return the command of the law, before its limit, (n,).
+        """Return the same, late by whole samples, before its limit, (n,).
 
         What the law's own states were when the record began, only the record can tell.
         """
-        law = controller.law(self.dt)
-        nu = law(self.q_ref, self.dq_ref, self.q)
+        law, nu = controller.law(self.dt), self.fed(controller)
         if len(law.C):
             free, n = law.free_response(len(nu)), len(nu) - delay
             rest = (self.command - self.added)[delay:] - nu[:n]
@@ -130,28 +162,28 @@ class _Signals:
         return self.command - expected - (1.0 + added) * self.added
 
 
-def _limit(signals: _Signals, controller: Controller) -> tuple[float | None, NDArray[np.bool_]]:
+def _limit(signals: Signals, controller: Controller) -> tuple[float | None, NDArray[np.bool_]]:
     """Return a limit that nobody declared, and where the command sits at any limit."""
     own = signals.command - signals.added
     law = signals.law(controller, 0)
-    found, clipped = None, np.abs(own) >= 0.999 * controller.limit
+    found, clipped = None, np.abs(own) >= AT_LIMIT * controller.limit
     top = float(np.max(np.abs(own)))
-    at_top = np.abs(own) > 0.9995 * top
-    beyond = at_top & (np.abs(law) > 1.02 * top) & (np.sign(law) == np.sign(own))
+    at_top = np.abs(own) > AT_TOP * top
+    beyond = at_top & (np.abs(law) > CUT * top) & (np.sign(law) == np.sign(own))
     if (
-        top < 0.999 * controller.limit
-        and beyond.sum() >= _CLIPPED
-        and beyond.sum() > 0.8 * at_top.sum()
+        top < AT_LIMIT * controller.limit
+        and beyond.sum() >= LIMIT_SAMPLES
+        and beyond.sum() > CUT_SHARE * at_top.sum()
     ):
         found, clipped = top, at_top
     return found, clipped
 
 
 def _best_delay(
-    signals: _Signals, controller: Controller, free: NDArray[np.bool_]
+    signals: Signals, controller: Controller, free: NDArray[np.bool_]
 ) -> tuple[int, dict[str, float], dict[str, float]]:
     fits = []
-    for delay in range(_MAX_DELAY + 1):
+    for delay in range(MAX_DELAY + 1):
         values, tvalues, cost = _fit(signals, controller, delay, free)
         fits.append((cost, delay, values, tvalues))
     _, delay, values, tvalues = min(fits, key=lambda fit: fit[0])
@@ -159,13 +191,13 @@ def _best_delay(
 
 
 def _fit(
-    signals: _Signals, controller: Controller, delay: int, free: NDArray[np.bool_]
+    signals: Signals, controller: Controller, delay: int, free: NDArray[np.bool_]
 ) -> tuple[dict[str, float], dict[str, float], float]:
     """Fit the mismatch at one delay; return values, t values and the cost."""
     names = [n for n in NAMES if n != "added" or signals.added.any()]
     x = np.zeros(len(names))
     rows = free.copy()
-    rows[:_HEAD] = False
+    rows[:PARITY_HEAD] = False
     wide = replace(controller, limit=np.inf)
 
     def error(x: Array) -> Array:
@@ -178,7 +210,7 @@ def _fit(
     for _ in range(3):
         columns = np.column_stack([(error(x + step * d) - e) / step for d in np.eye(len(names))])
         x = x - np.linalg.lstsq(columns, e, rcond=1e-8)[0]
-        x = np.clip(x, -0.95, 9.0)
+        x = np.clip(x, *GAIN_RANGE)
         e = error(x)
     deviation = _deviations(columns, e)
     tvalues = np.abs(x) / np.maximum(deviation, 1e-300)
@@ -186,7 +218,7 @@ def _fit(
     return as_dict[0], as_dict[1], float(e @ e)
 
 
-def _deviations(columns: Array, e: Array, blocks: int = 40) -> Array:
+def _deviations(columns: Array, e: Array, blocks: int = PARITY_BLOCKS) -> Array:
     """Return block-robust standard deviations."""
     bread = np.linalg.pinv(columns.T @ columns)
     scores = [
@@ -198,7 +230,7 @@ def _deviations(columns: Array, e: Array, blocks: int = 40) -> Array:
 
 
 def _material(
-    signals: _Signals,
+    signals: Signals,
     controller: Controller,
     delay: int,
     fitted: dict[str, float],
@@ -206,19 +238,19 @@ def _material(
     free: NDArray[np.bool_],
 ) -> dict[str, float]:
     """Keep what is significant, worth a name, and explains the parity error."""
-    kept = {n: v for n, v in fitted.items() if abs(v) > _MATERIAL and tvalues[n] > _T}
+    kept = {n: v for n, v in fitted.items() if abs(v) > GAIN_ERROR and tvalues[n] > GAIN_T}
     rows = free.copy()
-    rows[:_HEAD] = False
+    rows[:PARITY_HEAD] = False
 
     def energy(values: dict[str, float]) -> float:
         changed = replace(_corrected(controller, delay, values, None), limit=np.inf)
         return float(np.sum(signals.error(changed, delay, values.get("added", 0.0))[rows] ** 2))
 
-    if not kept or energy(kept) > (1.0 - _GAIN) * energy({}):
+    if not kept or energy(kept) > (1.0 - GAIN_EXPLAINS) * energy({}):
         return {}
     for name in sorted(kept, key=lambda n: tvalues[n])[: len(kept) - 1]:
         fewer = {n: v for n, v in kept.items() if n != name}
-        if energy(fewer) < 1.02 * energy(kept):
+        if energy(fewer) < GAIN_NEEDED * energy(kept):
             kept = fewer
     return kept
 

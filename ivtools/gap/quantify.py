@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import signal, stats
 
 from ..loop import ClosedLoop
 from ..record import Record
-from .fit import Fit
+from .attribute import Attribution
+from .fit import Fit, gauss_newton, steps
+from .floor import Floor, Measured
 from .fold import Fold
+from .rules import ADEQUATE_NAMED, LEAST_BLOCKS
 
 Array = NDArray[np.float64]
-
-_BLOCKS = 10  # at least, also of a short stretch
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,73 @@ class Shrink:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """Signals for the figures, on the record that judged."""
+
+    record: Record
+    keep: NDArray[np.bool_]
+    measured: Array
+    before: Array
+    after: Array
+    spectra: tuple[Array, Array, Array, Array]
+
+
+def declared(loop: ClosedLoop, measured: tuple[Measured, ...]) -> Fit:
+    """Fit the loop as it was given, on the record that judges."""
+    last = measured[-1]
+    record = last.base.fold.record
+    if last.parity.mismatch.get("added"):
+        added = np.asarray(record.added) / (1.0 + last.parity.mismatch["added"])
+        record = replace(record, added=added)
+    fold = replace(last.side.fold, record=record)
+    step = steps(fold, loop, last.side.scales)
+    return gauss_newton(fold, loop, last.base.values, last.base.free, step, 5)
+
+
+def how_far(
+    declared: Fit,
+    measured: tuple[Measured, ...],
+    result: Attribution,
+    judge: Fold,
+    held_out: bool,
+) -> tuple[Shrink, Traces]:
+    """Return how far the gap closes, and the signals that show it."""
+    after = replace(result.held[-1], fold=judge)
+    before = replace(declared, fold=replace(declared.fold, keep=judge.keep))
+    still = replace(after, values=result.fits[0].values)
+    level = measured[-1].floor
+    corrected = replace(result.base[-1], fold=judge)
+    shrink = quantify(before, corrected, after, still, _reachable(level, after), held_out)
+    record = judge.record
+    e0, e1 = (
+        before.fold.force_error(before.loop, before.values),
+        after.fold.force_error(after.loop, after.values),
+    )
+    force = after.loop.force(record)[:, 0]
+    return shrink, Traces(record, judge.keep, force, e0, e1, _spectra(record.dt, e0, e1, level))
+
+
+def _reachable(level: Floor, after: Fit) -> float:
+    """Return the force error that could be reached, N or N m rms.
+
+    Where the whitened error is at its floor nothing is left to close, and what remains is the
+    floor; the noise model alone, which knows little below some hertz, would set it too low.
+    """
+    e = after.fold.force_error(after.loop, after.values)[after.fold.keep]
+    left = float(np.sqrt(np.mean(e**2)))
+    limit = min(level.level, left)
+    return limit + (left - limit) * float(np.clip((ADEQUATE_NAMED - after.cost) / 0.1, 0.0, 1.0))
+
+
+def _spectra(dt: float, e0: Array, e1: Array, level: Floor) -> tuple[Array, Array, Array, Array]:
+    """Return frequency, and amplitude densities of the errors and of the noise model."""
+    hz, before = signal.welch(e0, 1.0 / dt, nperseg=min(2048, len(e0)))
+    after = signal.welch(e1, 1.0 / dt, nperseg=min(2048, len(e1)))[1]
+    _, gain = signal.freqz([1.0], level.whitener, worN=2 * np.pi * hz * dt)
+    return hz, np.sqrt(before), np.sqrt(after), np.sqrt(2.0 * dt) * np.abs(gain)
+
+
 def quantify(
     before: Fit, corrected: Fit, after: Fit, frozen: Fit, floor: float, held_out: bool
 ) -> Shrink:
@@ -112,8 +180,8 @@ def _interval(e: Array, fold: Fold) -> tuple[float, float]:
     and energy is skewed.
     """
     sums, sizes = fold.block_sums(e**2), fold.block_sums(np.ones(len(e)))
-    if len(sums) < _BLOCKS:
-        parts = np.array_split(e**2, _BLOCKS)
+    if len(sums) < LEAST_BLOCKS:
+        parts = np.array_split(e**2, LEAST_BLOCKS)
         sums, sizes = (np.array([f(p) for p in parts]) for f in (np.sum, np.size))
     count, mean = len(sums), float(np.sum(sums) / np.sum(sizes))
     if not mean > 0.0:

@@ -17,11 +17,9 @@ from scipy import fft
 
 from ..loop import ClosedLoop, Simulation
 from ..record import Record
+from .rules import RESPONSE_TIME, SPEED_KNOTS
 
 Array = NDArray[np.float64]
-
-_LENGTH = 0.6  # s of impulse response
-_KNOTS = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +69,7 @@ def measure(loop: ClosedLoop, record: Record, values: Mapping[str, float]) -> Re
     size = float(np.sqrt(np.mean(loop.force(record) ** 2)))
     force[at] = -size
     answers = [linear.simulate(record, theta, force_noise=f).nu[:, 0] for f in (force, 0.0 * force)]
-    length = min(round(_LENGTH / record.dt), record.n_samples - at)
+    length = min(round(RESPONSE_TIME / record.dt), record.n_samples - at)
     impulse = loop.gain * (answers[0] - answers[1])[at : at + length] / size
     return Response(impulse, record.n_samples)
 
@@ -131,7 +129,7 @@ def _scaled(columns: list[Array]) -> Array:
 def _speed(dq: Array, s: Array) -> list[Array]:
     size = np.abs(dq)
     moving = size[size > 1e-3 * size.max()]
-    knots = np.unique(np.quantile(moving, np.linspace(0.0, 1.0, _KNOTS)))
+    knots = np.unique(np.quantile(moving, np.linspace(0.0, 1.0, SPEED_KNOTS)))
     hats = [np.interp(size, knots, row) for row in np.eye(len(knots))]
     return [h * s for h in hats] + [h * np.abs(s) for h in hats]
 

@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 
 from ..loop import Simulation
 from ..physics import Term
-from . import periods
-from .candidates import Box, Scales, alternatives, scans
+from . import spatial_lines
 from .fit import Fit, normal
-from .fold import Fold
-from .side import Side
+from .fold import Fold, Side
+from .library import Box, Scales, alternatives, scans
+from .rules import GLANCE
 
 Array = NDArray[np.float64]
-
-_GLANCE = 3  # power of two: starting points of an effect with many valleys
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +32,8 @@ class Score:
     Parameters
     ----------
     term : Term
-    share : float
-        Share of the whitened energy of the gap.
+    gain : float
+        R2 gain: share of the whitened energy of the gap.
     statistic : float
         Block-robust F statistic of the columns.
     starts : list of mapping
@@ -44,7 +42,7 @@ class Score:
     """
 
     term: Term
-    share: float
+    gain: float
     statistic: float
     starts: list[dict[str, float]]
 
@@ -79,7 +77,7 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
     fold, now = fit.fold, fit.fold.simulate(fit.loop, fit.values)
     basis = _orthonormal(fit.J)
     e = fit.e - basis @ (basis.T @ fit.e)
-    lines = periods.search(fold, side.response, e, now)
+    lines = spatial_lines.search(fold, side.response, e, now)
     found: dict[str, Score] = {}
     for term in terms:
         directions = (
@@ -93,7 +91,7 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
 
 def _best(term: Term, scores: list[Score]) -> Score:
     """Return the best score, with the best starts for each choice of the nuisances."""
-    ordered = sorted(scores, key=lambda s: -s.share)
+    ordered = sorted(scores, key=lambda s: -s.gain)
     nuisances = [p.name for p in term.parameters if p.nuisance]
     starts: dict[tuple[float, ...], dict[str, float]] = {}
     for score in ordered:
@@ -108,7 +106,7 @@ def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[d
     if term.search == "either":
         return alternatives(term, scales)
     if term.search == "valleys":  # a glance: the search waits until the effect is in question
-        return Box(term, scales).points(_GLANCE)
+        return Box(term, scales).points(GLANCE)
     return scans(term, scales)
 
 
@@ -163,13 +161,13 @@ def _score(d: _Direction, basis: Array, e: Array, fold: Fold) -> Score:
     scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
     beta = normal(C / scale, e, 1e-6) / scale
     explained = C @ beta
-    share = float(explained @ e / (e @ e))
+    gain = float(explained @ e / (e @ e))
     amplitudes = {n: -float(b) for n, b in zip(d.names, beta, strict=False)}
     start = {p.name: p.neutral for p in d.term.parameters} | d.shape | amplitudes
     reverse = not d.names and beta[0] > 0.0
     if reverse or not _within(d.term, start):  # only the reverse of the effect would help
-        share = 0.0
-    return Score(d.term, share, _statistic(C, e - explained, beta, fold), [start])
+        gain = 0.0
+    return Score(d.term, gain, _statistic(C, e - explained, beta, fold), [start])
 
 
 def _within(term: Term, values: Mapping[str, float]) -> bool:

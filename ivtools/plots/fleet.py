@@ -15,8 +15,7 @@ from ivtools.errors import DataError
 from ivtools.plots.style import COLOURS, Sheet, look, sheet
 
 if TYPE_CHECKING:
-    from ivtools.gap.entry import Entry
-    from ivtools.gap.fleet import Fleet
+    from ivtools.gap.fleet import Entry, Fleet
 
 WIDTH_MM = 170.0  # two columns
 _ROW_MM, _LEAST_MM, _MOST_MM = 4.2, 55.0, 240.0

@@ -13,8 +13,9 @@ from ivtools.errors import DataError
 from ivtools.plots.style import COLOURS, legend_above, line, readable
 
 if TYPE_CHECKING:
-    from ivtools.gap.diagnosis import Diagnosis, Ranked, Traces
-    from ivtools.gap.quantify import Shrink
+    from ivtools.gap.diagnosis import Diagnosis
+    from ivtools.gap.quantify import Shrink, Traces
+    from ivtools.gap.verdict import Ranked
 
 _BEFORE, _AFTER = str(COLOURS["error"]), str(COLOURS["model"])
 _FLOOR, _TWIN, _OTHER, _EVENT = "#009e73", "#e69f00", "#c8c8c8", "#f0e442"
@@ -79,9 +80,7 @@ def error_over_time(axes: Axes, diagnosis: Diagnosis) -> None:
 
 def events(diagnosis: Diagnosis) -> list[tuple[float, float]]:
     """Return the stretches of the judging record that stand out and do not come again."""
-    from ivtools.gap.answer import local
-
-    return [(a, b) for level in diagnosis.floors[-1:] if local(level) for a, b in level.events]
+    return [(a, b) for level in diagnosis.floors[-1:] if level.isolated for a, b in level.events]
 
 
 def shares_by_region(axes: Axes, diagnosis: Diagnosis) -> None:

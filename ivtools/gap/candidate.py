@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import Bounds, differential_evolution
 
 from ..loop import ClosedLoop
 from ..physics import Term
 from .fit import Fit, gauss_newton, steps
-from .rules import Bar, Rules
+from .fold import Fold, Side
+from .library import Box, alternatives
+from .rules import (
+    CROWD,
+    GENERATIONS,
+    LONGEST_LINE,
+    MUTATION,
+    RECOMBINATION,
+    VALLEY_DEPTH,
+    VALLEY_STEPS,
+    VALLEY_TIME,
+    Rules,
+    Threshold,
+)
 from .screen import Score
-from .side import Side
-from .starts import starts
 
 Array = NDArray[np.float64]
-
-_BENDS = 24  # Jacobians that follow a narrow valley
-_DEEP = 0.9  # of the energy: a valley that leaves more is not worth following
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,19 +59,19 @@ class Trial:
         return self.term.name
 
     @property
-    def shares(self) -> Array:
-        """Share of the energy removed on held-out data, per fold."""
+    def gains(self) -> Array:
+        """R2 gain: share of the energy removed on held-out data, per fold."""
         return np.array(
             [1.0 - h.cost / b.cost for h, b in zip(self.held, self.before, strict=True)]
         )
 
     @property
-    def share(self) -> float:
-        """Mean share on held-out data."""
-        return float(np.mean(self.shares))
+    def gain(self) -> float:
+        """R2 gain on held-out data, mean of the folds."""
+        return float(np.mean(self.gains))
 
     @property
-    def gain(self) -> float:
+    def removed(self) -> float:
         """Whitened energy removed on held-out data, mean of the folds; the floor is 1."""
         both = zip(self.before, self.held, strict=True)
         return float(np.mean([b.cost - h.cost for b, h in both]))
@@ -77,13 +87,13 @@ class Trial:
         return self.amplitudes[:, 1]
 
     @property
-    def parts(self) -> Array:
-        """Part of the reducible gap removed on held-out data, per fold; the floor is 1."""
+    def shares(self) -> Array:
+        """Share of the reducible gap removed on held-out data, per fold; the floor is 1."""
         both = zip(self.held, self.before, strict=True)
         return np.array([(b.cost - h.cost) / max(b.cost - 1.0, 1e-9) for h, b in both])
 
     @property
-    def ratio(self) -> float:
+    def disagreement(self) -> float:
         """Factor by which the folds disagree in the amplitude; 1 is agreement."""
         return float(np.exp(np.max(np.abs(np.log(np.clip(self.amplitudes[:, 0], 1e-9, None))))))
 
@@ -100,7 +110,7 @@ class Trial:
             for f in self.fits
             if self.term.search == "lines"
         )
-        if max(periods, default=0.0) > 0.5:
+        if max(periods, default=0.0) > LONGEST_LINE:
             return False
         at_bound = (
             fit.values[name] == bound
@@ -113,15 +123,15 @@ class Trial:
 
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates."""
-        bar = rules.bar(self.term)
-        enough = bool(np.min(self.parts) >= bar.part)
-        return enough and self.inside and (self._over(bar) or self._over(rules.sure))
+        least = rules.threshold(self.term)
+        enough = bool(np.min(self.shares) >= least.share)
+        return enough and self.inside and (self._reaches(least) or self._reaches(rules.steady))
 
-    def _over(self, bar: Bar) -> bool:
-        share, t = np.min(self.shares), np.min(self.t)
-        return bool(share >= bar.share and t >= bar.t and self.ratio <= bar.ratio)
+    def _reaches(self, least: Threshold) -> bool:
+        gain, t = np.min(self.gains), np.min(self.t)
+        return bool(gain >= least.gain and t >= least.t and self.disagreement <= least.agreement)
 
-    def overlap(self, other: Trial) -> float:
+    def correlation(self, other: Trial) -> float:
         """Return the correlation of what both change on held-out data; 1 for twins."""
         cosines = []
         for b, h, o in zip(self.before, self.held, other.held, strict=True):
@@ -129,10 +139,10 @@ class Trial:
             cosines.append(float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300))
         return min(cosines)
 
-    def tells(self, other: Trial) -> float:
+    def advantage(self, other: Trial) -> float:
         """Return the block t value by which this effect does better on held-out data.
 
-        Of both folds together: what is better on one and worse on the other is not told.
+        Of both folds together: better on one and worse on the other is no difference.
         """
         both = zip(self.held, other.held, strict=True)
         return _t(np.concatenate([h.fold.block_sums(o.e**2 - h.e**2) for h, o in both]))
@@ -144,7 +154,7 @@ def attempt(
     """Fit an effect on each fold, and judge it on the other."""
     term, begin = scores[0].term, starts(sides, fits, scores)
     new = tuple(_extended(s, f, term, b) for s, f, b in zip(sides, fits, begin, strict=True))
-    deep = any(n.cost < _DEEP * f.cost for n, f in zip(new, fits, strict=True))
+    deep = any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True))
     if term.search == "valleys" and deep:  # either side may have come deeper
         new = (_deeper(sides[0], term, *new), _deeper(sides[1], term, *new[::-1]))
     return Trial(term, new, frozen(sides, new), before)
@@ -155,7 +165,7 @@ def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
     step = steps(side.fold, own.loop, side.scales)
     from_other = {**own.values, **{n: other.values[n] for n in term.names}}
     both = (
-        gauss_newton(side.fold, own.loop, start, own.free, step, _BENDS)
+        gauss_newton(side.fold, own.loop, start, own.free, step, VALLEY_STEPS)
         for start in (own.values, from_other)
     )
     return min(both, key=lambda f: f.cost)
@@ -214,3 +224,87 @@ def _amplitude(before: Fit, held: Fit) -> tuple[float, float]:
     amplitude = float(change @ before.e) / energy
     scores = held.fold.block_sums(change * (before.e - amplitude * change))
     return amplitude, amplitude * energy / max(float(np.sqrt(scores @ scores)), 1e-300)
+
+
+Point = dict[str, float]
+
+
+def starts(
+    sides: tuple[Side, ...], fits: tuple[Fit, ...], scores: list[Score]
+) -> tuple[list[Point], ...]:
+    """Return, per fold, the values from which an effect is fitted, by short name.
+
+    Parameters
+    ----------
+    sides : tuple of Side
+    fits : tuple of Fit
+        The model without the effect, on each fold.
+    scores : list of Score
+        Its screening on each.
+    """
+    term = scores[0].term
+    if term.search == "valleys":
+        return ([_deepest(sides, fits, term)],) * len(sides)
+    if term.search == "either":
+        return tuple(alternatives(term, s.scales) for s in sides)
+    return tuple(s.starts for s in scores)
+
+
+def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> Point:
+    """Return the point with the least error on both folds together, by differential evolution.
+
+    A valley that is too narrow for gradients is at the same place in both folds, and the false
+    ones are not; it is as narrow in a part of the record as in all of it, and wider the shorter
+    the part is. Only the place is shared: the fits that start there see one fold each.
+
+    R. Storn, K. Price, "Differential evolution", J. Global Optimization 11, 1997.
+    """
+    box = Box(term, sides[0].scales)
+    costs = [_cost(s.fold, f, term) for s, f in zip(sides, fits, strict=True)]
+
+    def cost(x: Array) -> float:
+        """Return the cost of a point of the unit cube."""
+        return sum(c(box.point(x)) for c in costs)
+
+    with ThreadPoolExecutor(2) as pool:
+        found = differential_evolution(
+            cost,
+            Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
+            init="sobol",
+            popsize=CROWD,
+            maxiter=GENERATIONS,
+            mutation=MUTATION,
+            recombination=RECOMBINATION,
+            polish=False,
+            updating="deferred",
+            workers=pool.map,
+            rng=1,
+        )
+    return box.point(found.x)
+
+
+def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point], float]:
+    """Return the cost of a point on the worst stretch of a fold, the base tuned to first order."""
+    rows = _worst(fold, fit.e)
+    part = fold.stretch(rows.start, rows.stop)
+    J = fit.J[np.sum(fold.keep[: rows.start]) :][: part.n_kept]
+    Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0]
+    loop = fit.loop.with_effect(term)
+    base = loop.values(fit.values)
+
+    def cost(point: Point) -> float:
+        """Return the mean square of the whitened error."""
+        e = part.error(loop, {**base, **{f"{term.name}.{k}": v for k, v in point.items()}})
+        return float(e @ e - np.sum((Q.T @ e) ** 2)) / len(e)
+
+    return cost
+
+
+def _worst(fold: Fold, e: Array) -> slice:
+    """Return the stretch of the record with the largest energy of the error."""
+    n = min(round(VALLEY_TIME / fold.record.dt), fold.record.n_samples)
+    energy = np.zeros(fold.record.n_samples + 1)
+    energy[1:][fold.keep] = e**2
+    energy = np.cumsum(energy)
+    start = int(np.argmax(energy[n:] - energy[:-n]))
+    return slice(start, start + n)

@@ -9,18 +9,18 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
-from .. import __version__
-from ..digest import digest, loop_text
-from ..errors import IVToolsError
-from ..loop import ClosedLoop
-from ..physics import Term
-from ..record import Record
-from ..workers import Backend, Clock, Progress, known, outcomes, packed, quiet
-from .diagnosis import Diagnosis
+from ... import __version__
+from ...digest import digest, loop_text
+from ...errors import IVToolsError
+from ...loop import ClosedLoop
+from ...physics import Term
+from ...record import Record
+from ...workers import Backend, Clock, Progress, known, outcomes, packed, quiet
+from ..diagnose import diagnose
+from ..diagnosis import Diagnosis
+from ..rules import Rules
 from .entry import Entry
 from .fleet import Fleet
-from .process import diagnose
-from .rules import Rules
 from .shelf import Shelf
 from .source import Given, Source, sources
 

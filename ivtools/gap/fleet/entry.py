@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .diagnosis import Diagnosis
+from ..diagnosis import Diagnosis
 
 FAILED = "failed"
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from ..physics import EFFECTS
-from ..tables import Text, table
+from ...physics import EFFECTS
+from ...tables import Text, table
 from .entry import FAILED, Entry
 from .shelf import PAGES, write
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from ..report import Page
+    from ...report import Page
 
 TABLE, OVERVIEW = "fleet.csv", "index.html"
 _HEADER = ("record", "verdict", "effects", "before", "after", "closed")
@@ -155,13 +155,13 @@ class Fleet:
 
     def plot(self) -> Figure:
         """Return the effects by record, and the force error before and after."""
-        from ..plots.fleet import fleet
+        from ...plots.fleet import fleet
 
         return fleet(self)
 
     def page(self, links: str = PAGES) -> Page:
         """Return the overview; `links` is the folder of the pages, seen from it."""
-        from ..report import Page, Picture
+        from ...report import Page, Picture
 
         lead = "; ".join(self._lines()[:1])
         out = Page(self._title, f"{lead[:1].upper()}{lead[1:]}.")

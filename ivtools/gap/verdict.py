@@ -1,4 +1,7 @@
-"""Replica: whether a named effect shows the same on either side of the comparison."""
+"""Verdict: what was attributed, in one word, and whether either side says the same.
+
+Nothing is decided here that a person could not look up in `rules`.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,107 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..loop import ClosedLoop
+from .attribute import Attribution
+from .candidate import phases
+from .floor import Measured
 from .parity import Parity
-from .rules import Rules
-from .trial import phases
+from .rules import ADEQUATE, ADEQUATE_NAMED, CHANGED, EXPLAINED, STEADY, Rules
 
 Pair = tuple[float | None, float | None]
 
 _PREFIXED = ("m", "rad", "s")
 _PERCENT = {"kp", "kv", "velocity_filter", "added"}  # of a controller: relative errors
+
+VERDICTS = {
+    "adequate": "the model is as good as the measurement is repeatable",
+    "explained": "the named effects close the gap",
+    "partial": "the named effects close part of the gap; a significant part remains",
+    "unexplained": "there is a gap that no known effect explains",
+    "non-repeatable": "the gap comes and goes: something from outside, or a changed setting",
+}
+
+
+def decide(
+    effects: tuple[str, ...], measured: tuple[Measured, ...], result: Attribution, closed: float
+) -> str:
+    """Return the verdict, a key of `VERDICTS`."""
+    events = any(m.floor.isolated for m in measured)
+    after = float(np.mean([h.cost for h in result.held]))
+    if effects:
+        near = after <= ADEQUATE_NAMED or closed >= EXPLAINED
+        return "explained" if near else "partial"
+    if events:
+        return "non-repeatable"
+    if after <= ADEQUATE:
+        return "adequate"
+    return "non-repeatable" if _changed(result) else "unexplained"
+
+
+def _changed(result: Attribution) -> bool:
+    """Whether the base parameters moved between the records and that is the whole gap."""
+    if result.fits[0].fold.record is result.fits[1].fold.record:
+        return False
+    tuned = float(np.mean([f.cost for f in result.fits]))
+    one, two = result.fits
+    swapped = [two.fold.error(two.loop, one.values), one.fold.error(one.loop, two.values)]
+    still = float(np.mean([np.mean(e**2) for e in swapped]))
+    return tuned < STEADY and still > CHANGED * tuned
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One effect in the ranking.
+
+    Parameters
+    ----------
+    effect : str
+    closed : float
+        Fraction of the reducible energy of the gap that it closes alone.
+    p_value : float
+        Of no gain on held-out data, corrected for all effects tried; 1 if it was not fitted.
+    held_out : bool
+        Whether `closed` was judged on held-out data; else it is the screening's estimate.
+    replicates : bool
+        Whether it passes the rules for a name.
+    """
+
+    effect: str
+    closed: float
+    p_value: float
+    held_out: bool
+    replicates: bool
+
+    @property
+    def chance(self) -> str:
+        """The p value as it is printed."""
+        if not self.held_out:
+            return "screened"
+        return f"{self.p_value:.3f}" if self.p_value > 0.0 else "< 0.002"  # of 500 draws
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the JSON of the entry."""
+        return {
+            "effect": self.effect,
+            "closed": self.closed,
+            "p_value": self.p_value,
+            "held_out": self.held_out,
+            "replicates": self.replicates,
+        }
+
+
+def ranking(result: Attribution, rules: Rules, energy: float) -> tuple[Ranked, ...]:
+    """Return every effect that was tried, those that were fitted first."""
+    gap = energy / (1.0 + energy)  # the reducible part of the whitened energy
+    fitted = {t.name: t for t in result.trials}
+    ranked = []
+    for name, gain in result.screened.items():
+        trial = fitted.get(name)
+        closed = float(np.clip((trial.gain if trial else gain) / gap, 0.0, 1.0))
+        p = result.pvalues.get(name, 1.0) if trial else 1.0
+        ranked.append(
+            Ranked(name, closed, p, trial is not None, bool(trial and trial.passes(rules)))
+        )
+    return tuple(sorted(ranked, key=lambda r: (not r.held_out, -r.closed)))
 
 
 @dataclass(frozen=True)
@@ -169,7 +265,7 @@ def _agree(x: np.ndarray, rules: Rules) -> bool:
     x = x / np.maximum(np.max(np.abs(x), axis=1, keepdims=True), 1e-300)
     dot = float(x[:, 0] @ x[:, 1])
     ratios = [dot / max(float(x[:, i] @ x[:, i]), 1e-300) for i in (0, 1)]
-    return bool(1.0 / rules.other.ratio <= min(ratios) and max(ratios) <= rules.other.ratio)
+    return bool(1.0 / rules.other.agreement <= min(ratios) and max(ratios) <= rules.other.agreement)
 
 
 def _controller(
@@ -186,3 +282,12 @@ def _controller(
     )
     agree = _agree(both, rules) if len(both) else None
     return Replica(effect, sides, values, {n: "%" if n in _PERCENT else "" for n in values}, agree)
+
+
+def replicate(
+    effects: tuple[str, ...], result: Attribution, checked: tuple[Parity, ...], rules: Rules
+) -> tuple[Replica, ...]:
+    """Return, per named effect, whether the sides agree."""
+    one, two = result.fits
+    sides = (one.fold.label, two.fold.label)
+    return replicas(effects, sides, (one.values, two.values), one.loop, checked, rules)

@@ -14,17 +14,16 @@ from scipy import signal
 from ..loop import Simulation
 from .fold import Fold
 from .response import Response
+from .rules import LINE_PERIODS, LINE_SPEEDS, LINE_TOP, LINES, PADDING, POSITION_BINS
 
 Array = NDArray[np.float64]
 
-_BINS = 1 << 14
-_PAD = 4
-_SPEEDS = 40
+
 KINDS = ("cogging", "torque-ripple", "encoder-eccentricity")
 
 
 def search(
-    fold: Fold, response: Response, e: Array, simulation: Simulation, count: int = 3
+    fold: Fold, response: Response, e: Array, simulation: Simulation, count: int = LINES
 ) -> dict[str, list[float]]:
     """Return the most likely spatial periods for each periodic effect, m or rad.
 
@@ -53,23 +52,25 @@ def _peaks(
 ) -> list[float]:
     """Return the periods with the largest explained energy."""
     stroke = float(np.ptp(q))
-    density, _ = np.histogram(q, bins=_BINS, range=(q.min(), q.max()), weights=back * weight)
-    lines = np.abs(np.fft.rfft(density, _PAD * _BINS)) ** 2
-    k = np.arange(len(lines)) / (_PAD * stroke)  # 1/m
-    top = 0.35 / fold.record.dt / max(np.quantile(np.abs(v), 0.9), 1e-300)
-    use = (k > 2.0 / stroke) & (k < min(top, 0.25 * _BINS / stroke))
+    density, _ = np.histogram(
+        q, bins=POSITION_BINS, range=(q.min(), q.max()), weights=back * weight
+    )
+    lines = np.abs(np.fft.rfft(density, PADDING * POSITION_BINS)) ** 2
+    k = np.arange(len(lines)) / (PADDING * stroke)  # 1/m
+    top = LINE_TOP / fold.record.dt / max(np.quantile(np.abs(v), 0.9), 1e-300)
+    use = (k > LINE_PERIODS / stroke) & (k < min(top, 0.25 * POSITION_BINS / stroke))
     if not use.any():
         return []
     k, lines = k[use], lines[use]
     explained = lines / _energy(k, v, weight, fold, response)
-    return [1.0 / k[i] for i in _maxima(explained, count, _PAD)]
+    return [1.0 / k[i] for i in _maxima(explained, count, PADDING)]
 
 
 def _energy(k: Array, v: Array, weight: Array, fold: Fold, response: Response) -> Array:
     """Return the whitened energy of the answer to a unit line at each wave number."""
     size = 1 << 14
     gain = np.abs(np.fft.rfft(response.impulse, size) * np.fft.rfft(fold.whitener, size)) ** 2
-    energy, edges = np.histogram(np.abs(v), bins=_SPEEDS, weights=weight**2 * fold.keep)
+    energy, edges = np.histogram(np.abs(v), bins=LINE_SPEEDS, weights=weight**2 * fold.keep)
     speeds = 0.5 * (edges[1:] + edges[:-1])
     hz = np.fft.rfftfreq(size, fold.record.dt)
     total = np.zeros(len(k))

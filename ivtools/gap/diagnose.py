@@ -14,23 +14,20 @@ from ..errors import EstimationError, IVToolsError
 from ..loop import ClosedLoop
 from ..physics import Term
 from ..record import Record
-from . import findings, floor, pair, parity, response
-from .answer import Measured, answer, local
-from .attribute import Attribution, attribute
-from .candidates import Scales
+from . import advice, floor, locate, parity, preflight, quantify, response, verdict
+from .attribute import Attribution, attribute, probability
 from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
-from .fold import Fold, usable
+from .floor import Measured
+from .fold import Fold, Side, usable
+from .library import Scales
 from .parity import Parity
-from .rules import Rules
-from .side import Side
+from .rules import AT_CONTROLLER, BEYOND, COMMON, SATURATED, STRETCHES, Rules
 
 Array = NDArray[np.float64]
-Progress = Callable[[str], None]
 
-_BEYOND = 0.05  # of a stroke or a time: as far as a law may be carried beyond it
-_ENOUGH = 0.3  # of a record must lie where the other one has been, or all of it counts
-_SEGMENTS = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)  # stretches of a record that judges itself
+
+Progress = Callable[[str], None]
 
 
 def diagnose(
@@ -100,15 +97,15 @@ def _diagnose(
 ) -> Diagnosis:
     records = (record,) if holdout is None else (record, holdout)
     for one in records:
-        findings.require(one)
+        preflight.require(one)
     say("controller parity")
-    found = findings.identified(record, loop)
+    found = preflight.identified(record, loop)
     loop = loop.known(record)
     checked = tuple(parity.check(one, loop) for one in records)
     for one, shown in zip(records, checked, strict=True):
-        seen = findings.inspect(one, loop, shown)
-        found += seen if holdout is None else findings.named(seen, one)
-    found += [] if holdout is None else pair.overlap(record, holdout)
+        seen = preflight.inspect(one, loop, shown)
+        found += seen if holdout is None else preflight.named(seen, one)
+    found += [] if holdout is None else preflight.overlap(record, holdout)
     if any(f.fatal for f in found):
         return _refused(record, loop, checked, found)
     say("base model and floor")
@@ -116,19 +113,71 @@ def _diagnose(
         with ThreadPoolExecutor(2) as pool:
             measured = tuple(pool.map(_measure, records, checked))
     except IVToolsError as error:
-        return _refused(record, loop, checked, [*found, findings.Finding(str(error))])
+        return _refused(record, loop, checked, [*found, preflight.Finding(str(error))])
     if holdout is not None:
-        found += pair.same_axis([m.base for m in measured])
+        found += preflight.same_axis([m.base for m in measured])
         level = floor.between(*(m.base for m in measured))
         measured = tuple(replace(m, floor=replace(m.floor, between=level)) for m in measured)
     if any(f.fatal for f in found):
         return _refused(record, loop, checked, found)
-    if any(p.clipped > findings.SATURATED for p in checked):
+    if any(p.clipped > SATURATED for p in checked):
         rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
     say("screening and fitting the effects")
     judge, result = _attributed(measured, rules, extra, without)
     say("where and how far")
-    return answer(record.name, loop, measured, result, judge, rules, found, holdout is not None)
+    return _answer(record.name, loop, measured, result, judge, rules, found, holdout is not None)
+
+
+def _answer(
+    name: str,
+    loop: ClosedLoop,
+    measured: tuple[Measured, ...],
+    result: Attribution,
+    judge: Fold,
+    rules: Rules,
+    found: list[preflight.Finding],
+    held_out: bool,
+) -> Diagnosis:
+    """Put the diagnosis together."""
+    checked = tuple(m.parity for m in measured)
+    plain = quantify.declared(loop, measured)
+    before = [m.cost for m in result.base]
+    after = [h.cost for h in result.held]
+    at_controller, values = parity.effects(checked)
+    effects = (*at_controller, *result.named)
+    shrink, traces = quantify.how_far(plain, measured, result, judge, held_out)
+    energy = max(float(np.mean(before)) - 1.0, 1e-9)
+    closed = (float(np.mean(before)) - float(np.mean(after))) / energy
+    word = verdict.decide(effects, measured, result, closed)
+    return Diagnosis(
+        verdict=word,
+        effects=effects,
+        ambiguous_with={e: result.ambiguous.get(e, []) for e in effects},
+        parameters={**values, **result.parameters},
+        block=locate.block(
+            effects,
+            any(p.delay != loop.controller.delay for p in checked),
+            any(m.floor.isolated for m in measured),
+            word != "adequate",
+        ),
+        regions=locate.regions(judge.record, judge.keep, traces.before, traces.after),
+        shrink=shrink,
+        ranking=verdict.ranking(result, rules, energy),
+        advice=(*advice.motions(result), *advice.remarks(loop, measured, result, held_out)),
+        findings=tuple(found),
+        parity=checked,
+        floors=tuple(m.floor for m in measured),
+        loop=result.fits[0].loop,
+        theta=result.fits[0].values,
+        chi=(float(np.mean(before)), float(np.mean(after))),
+        name=name,
+        replication=result.replication,
+        replicas=verdict.replicate(effects, result, checked, rules),
+        evidence=result.evidence,
+        probability=dict.fromkeys(at_controller, AT_CONTROLLER)
+        | {n: probability(proof) for n, proof in result.evidence.items()},
+        traces=traces,
+    )
 
 
 def _attributed(
@@ -140,7 +189,7 @@ def _attributed(
     """
     sides, base = _sides(measured)
     result = attribute(sides, base, rules, extra, without)
-    if not result.named and any(local(m.floor) for m in measured):
+    if not result.named and any(m.floor.isolated for m in measured):
         measured = tuple(_masked(m) for m in measured)
         sides, base = _sides(measured)
         result = attribute(sides, base, rules, extra, without)
@@ -148,7 +197,7 @@ def _attributed(
 
 
 def _masked(m: Measured) -> Measured:
-    return _kept(m, ~m.floor.event_mask) if local(m.floor) else m
+    return _kept(m, ~m.floor.event_mask) if m.floor.isolated else m
 
 
 def _within(m: Measured, other: Measured) -> Measured:
@@ -160,10 +209,10 @@ def _within(m: Measured, other: Measured) -> Measured:
     inside = np.ones(m.fold.record.n_samples, dtype=bool)
     for signal in (lambda r: r.q[:, 0], lambda r: r.t - r.t[0]):
         here, seen = (signal(x.fold.record) for x in (m, other))
-        margin = _BEYOND * float(np.ptp(seen))
+        margin = BEYOND * float(np.ptp(seen))
         inside &= (here >= np.min(seen) - margin) & (here <= np.max(seen) + margin)
     kept = float(np.mean(inside[m.side.fold.keep]))
-    return _kept(m, inside) if _ENOUGH < kept < 1.0 else m
+    return _kept(m, inside) if COMMON < kept < 1.0 else m
 
 
 def _kept(m: Measured, rows: NDArray[np.bool_]) -> Measured:
@@ -225,14 +274,14 @@ def _first_half(record: Record) -> NDArray[np.bool_]:
     ddq = np.gradient(dq)
     looks = np.column_stack([np.sign(dq), dq, np.abs(dq), np.abs(ddq), q, q * np.sign(dq)])
     looks = looks / np.maximum(np.std(looks, axis=0), 1e-300)
-    halves = [np.arange(n) * k // n % 2 == 0 for k in _SEGMENTS]
+    halves = [np.arange(n) * k // n % 2 == 0 for k in STRETCHES]
     return min(
         halves, key=lambda h: float(np.sum((looks[h].mean(axis=0) - looks[~h].mean(axis=0)) ** 2))
     )
 
 
 def _refused(
-    record: Record, loop: ClosedLoop, checked: tuple[Parity, ...], found: list[findings.Finding]
+    record: Record, loop: ClosedLoop, checked: tuple[Parity, ...], found: list[preflight.Finding]
 ) -> Diagnosis:
     """Report what is wrong with the input instead of naming an effect."""
     controller = any(not p.trustworthy for p in checked)

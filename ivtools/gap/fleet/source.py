@@ -8,10 +8,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .. import datasets
-from ..digest import digest
-from ..errors import DataError
-from ..record import Record
+from ... import datasets
+from ...digest import digest
+from ...errors import DataError
+from ...record import Record
 
 Given = Record | str | Path
 
