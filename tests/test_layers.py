@@ -161,7 +161,7 @@ def test_an_unknown_public_name_is_an_attribute_error():
 
 
 def _inside(room: str) -> dict[str, set[str]]:
-    """Return which modules of a room import which others of it, late and typing imports left out."""
+    """Return which modules of a room import which others at their top level."""
     folder, found = ROOT / room, {}
     for file in folder.rglob("*.py"):
         parts = file.relative_to(folder).with_suffix("").parts
