@@ -15,11 +15,13 @@ from .linalg import solve_iv
 from .loop import ClosedLoop, Simulation
 from .loop.model import Theta
 from .loop.observer import driven_by, observed_velocity
+from .loop.rough_inertia import position_columns, rough_inertia, start_values
 from .pipeline import Motion, Pipeline
 from .record import Record
 
 Array = NDArray[np.float64]
 
+ABSURD = 3.0  # ratio of inertias: a force that the model lacks decides
 PULL = 0.12  # natural frequency of the observer, in that of the loop
 _SLOW = 0.0012  # of the sampling rate, for a loop without a mode of its own
 _OBSERVER_OPTIONS = ("initial", "substeps", "stiction")
@@ -293,8 +295,17 @@ class Problem:
 
     @cached_property
     def _least_squares(self) -> dict[str, float]:
+        """Least squares of the model's terms, or, if its inertia is absurd, beside others."""
         theta = solve_iv(self.X, self.y, names=self.names)
+        if "inertia" in self.names and not self._plausible(theta[self.names.index("inertia")]):
+            places = self.pipeline.rows(position_columns(self.motion.q[:, 0], self.loop.joint))
+            theta = start_values(self.X, self.y, places)
         return dict(zip(self.names, theta.tolist(), strict=True))
+
+    def _plausible(self, inertia: float) -> bool:
+        """Whether an inertia is near the one of the axis file, or else of the record."""
+        rough = self.loop.start.get("inertia") or rough_inertia(self.loop, self.record)
+        return rough / ABSURD < inertia < rough * ABSURD
 
     def select(self, names: Sequence[str]) -> Problem:
         """Return the problem with the terms of these parameters only."""

@@ -75,7 +75,7 @@ def test_every_key_arrives(file):
     assert (controller.delay, controller.limit) == (2, 5.0)
     assert [t.name for t in loop.terms] == ["inertia", "asymmetric-friction", "gravity", "cogging"]
     assert dict(loop.start) == {"inertia": 0.0002, "cogging.period": 0.5}
-    assert loop.units["gravity_sin"] == "N m"
+    assert loop.units["gravity.sin"] == "N m"
 
 
 @pytest.mark.parametrize("text", [FULL, MATRICES, SHORT], ids=["full", "matrices", "short"])

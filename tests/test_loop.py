@@ -28,6 +28,7 @@ SIZES: dict[str, dict[str, float]] = {
     "friction-drift": {"coulomb_rate": 0.5, "viscous_rate": 3.0},
     "offset-drift": {"rate": 0.5, "curvature": 0.1},
     "spring": {"stiffness": 20.0, "curvature": 10.0},
+    "gravity": {"sin": 8.0, "cos": -3.0},
     "cogging": {"cosine": 2.0, "sine": 1.0, "period": 0.006},
     "torque-ripple": {"cosine": 0.05, "sine": 0.02, "period": 0.006},
     "flexibility": {"frequency_hz": 45.0, "damping": 0.03, "load_share": 0.2},
@@ -319,7 +320,7 @@ def test_two_masses_swing_at_the_stated_frequency():
 
 def test_gravity_turns_with_the_axis():
     loop = open_loop(terms=("inertia", "viscous", "gravity"), joint="revolute", gain=1.0)
-    theta = {"inertia": 0.01, "viscous": 0.02, "gravity_sin": 0.5, "gravity_cos": 0.0}
+    theta = {"inertia": 0.01, "viscous": 0.02, "gravity.sin": 0.5, "gravity.cos": 0.0}
     fallen = loop.simulate(reference(6000, added=np.zeros(6000)), theta, initial=(0.3, 0.0))
     assert fallen.q[-1, 0] == pytest.approx(0.0, abs=1e-3)  # hangs where sin q = 0
 

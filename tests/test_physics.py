@@ -17,7 +17,8 @@ LAWS = [term for term in TERMS.values() if term.law is not None]
 DOCUMENTED = [
     "asymmetric-viscous", "stribeck", "presliding", "polynomial-viscous", "sqrt-viscous",
     "position-friction", "load-friction", "friction-drift", "offset-drift", "spring", "cogging",
-    "torque-ripple", "flexibility", "backlash", "drive-timing", "saturation", "drive-asymmetry",
+    "torque-ripple", "gravity", "flexibility", "backlash", "drive-timing", "saturation",
+    "drive-asymmetry",
     "dead-zone", "encoder-eccentricity", "controller-mismatch", "disturbance",
 ]  # fmt: skip
 SCALES = {"force", "speed", "stroke", "time", "step", "command", "stiffness", "one"}
@@ -72,7 +73,7 @@ def test_units_follow_the_joint():
     assert loop.units["inertia"] == "kg"
     turning = loop.with_terms("inertia", "viscous", "coulomb", "gravity")
     assert Parameter("x", "{F} s/{L}").unit_for("revolute") == "N m s/rad"
-    assert turning.names[-1] == "gravity_cos"
+    assert turning.names[-1] == "gravity.cos"
 
 
 def test_unknown_terms_are_an_error_that_lists_the_known_ones():

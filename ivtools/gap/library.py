@@ -126,6 +126,7 @@ def library(
         if t.name not in present
         and t.name not in without
         and t.slot not in taken
+        and t.joint in ("", loop.joint)
         and t.search != "elsewhere"
     ]
 

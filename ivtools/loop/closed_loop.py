@@ -347,7 +347,7 @@ class ClosedLoop(Model):
         The natural frequency is taken to one significant digit, as the EMPS report does, then its
         rules apply: cut-off at 5 times, decimation to 2 times that frequency.
         """
-        from .mode import rough_inertia
+        from .rough_inertia import rough_inertia
 
         inertia = self.start.get("inertia") or rough_inertia(self, record)
         natural = self.known(record).natural_frequency_hz(record.dt, inertia)

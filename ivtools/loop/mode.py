@@ -12,10 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import AxisError
-from ..linalg import solve_iv
-from ..pipeline import Pipeline
-from ..record import Record
 from .controllers import LinearLaw
 
 if TYPE_CHECKING:
@@ -87,23 +83,3 @@ def _glide(place: Array, push: float, rate: float, h: float) -> Array:
     reach = (1.0 - decay) / rate if rate > _GONE else h
     drift = (h - reach) / rate if rate > _GONE else 0.5 * h * h
     return np.array([q + v * reach + push * drift, v * decay + push * reach])
-
-
-def rough_inertia(loop: ClosedLoop, record: Record) -> float:
-    """Return a first guess of the inertia from the record alone, kg or kg m2.
-
-    The filters need a bandwidth before anything is identified; a least-squares fit behind a
-    low-pass at a fiftieth of the sampling rate is enough for one significant digit of it.
-    """
-    width = 10  # five times what the low-pass leaves to see
-    pipeline = Pipeline(record.sampling_hz / 50.0, width, trim=(5 * width, 5 * width))
-    motion = pipeline.differentiate(record.q, record.dt)
-    rigid = loop.with_terms("inertia", "viscous", "coulomb", "offset")
-    rows = pipeline.rows(np.hstack([rigid.regressor(motion), loop.force(record)]))
-    inertia = float(solve_iv(rows[:, :-1], rows[:, -1])[0])
-    if not inertia > 0.0:
-        raise AxisError(
-            f"the record suggests an inertia of {inertia:.3g}; check units and the sign of the "
-            "command, or give [model.start] inertia in the axis file"
-        )
-    return inertia

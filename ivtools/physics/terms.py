@@ -108,6 +108,8 @@ class Term:
         gap to be named.
     slot : str
         The place in the loop that it takes, if only one effect can have it.
+    joint : str
+        The only kind of joint that a diagnosis tries it on, ``"revolute"``; empty is any.
     """
 
     name: str
@@ -121,6 +123,7 @@ class Term:
     search: Search = "scan"
     everywhere: bool = False
     slot: str = ""
+    joint: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:

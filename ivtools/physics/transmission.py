@@ -33,11 +33,12 @@ OFFSET = Term(
 GRAVITY = Term(
     "gravity",
     "mechanics",
-    (Parameter("gravity_sin", "{F}"), Parameter("gravity_cos", "{F}")),
-    "gs sin(q) + gc cos(q)",
+    (Parameter("sin", "{F}"), Parameter("cos", "{F}")),
+    "gs sin(q) + gc cos(q); an eccentric mass m at r, hanging down at q0, has gs = m g r cos(q0), "
+    "gc = -m g r sin(q0)",
     "Khalil, Dombre, Modeling, Identification and Control of Robots, 2004, chapter 9",
     law=lambda q, dq, ddq, sign, tau, t, gs, gc: gs * np.sin(q) + gc * np.cos(q),
-    base=True,
+    joint="revolute",
 )
 
 OFFSET_DRIFT = Term(
