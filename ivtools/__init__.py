@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
     from ivtools.record import Record as Record
     from ivtools.results import FitResults as FitResults
     from ivtools.results import TestResult as TestResult
+    from ivtools.robot import Robot as Robot
 
 __version__ = "0.1.0"
 
@@ -61,6 +62,7 @@ _NAMES = {
     "Record": "record",
     "Pipeline": "pipeline",
     "ClosedLoop": "loop",
+    "Robot": "robot",
     "Problem": "problem",
     "FitResults": "results",
     "TestResult": "results",

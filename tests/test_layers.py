@@ -19,6 +19,7 @@ ORDER = [
     ("checks", "display", "readers"),
     ("record", "linalg", "pipeline"),
     ("datasets", "physics"),
+    ("robot",),
     ("loop",),
     ("axes", "digest"),
     ("problem",),

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from ivtools.errors import EstimationError, MissingExtraError
+from ivtools.errors import EstimationError
 from ivtools.linalg import solve_iv
+from ivtools.robot.inertia import cvxpy as _cvxpy
+from ivtools.robot.inertia import pseudo_inertia as pseudo_inertia
 
 Array = NDArray[np.float64]
 Matrices = Callable[[Sequence[Any]], Sequence[Any]]
@@ -85,48 +87,3 @@ def solve_lmi(
     low, high = found - lower <= reach, upper - found <= reach
     found, active = np.where(low, lower, np.where(high, upper, found)), low | high
     return found, tuple(name for name, on in zip(names, active, strict=True) if on)
-
-
-def _cvxpy() -> Any:
-    """Return cvxpy, or say which extra has it."""
-    try:
-        import cvxpy
-    except ImportError:
-        raise MissingExtraError("cvxpy", "methods") from None
-    return cvxpy
-
-
-def pseudo_inertia(link: Sequence[Any]) -> Any:
-    """Return the pseudo-inertia (4, 4) of a rigid link, positive semidefinite if it can exist.
-
-    Parameters
-    ----------
-    link : sequence of 10
-        m, m cx, m cy, m cz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the link frame, kg, kg m, kg m2;
-        numbers or cvxpy expressions.
-
-    Returns
-    -------
-    ndarray or cvxpy expression, (4, 4)
-
-    References
-    ----------
-    P. M. Wensing, S. Kim, J.-J. E. Slotine, "Linear matrix inequalities for physically consistent
-    inertial parameter identification", IEEE Robotics and Automation Letters 3(1), 2018.
-
-    Examples
-    --------
-    >>> ball = [1.0, 0.0, 0.0, 0.0, 0.4, 0.0, 0.0, 0.4, 0.0, 0.4]
-    >>> bool(np.linalg.eigvalsh(pseudo_inertia(ball)).min() > 0.0)
-    True
-    """
-    m, hx, hy, hz, xx, xy, xz, yy, yz, zz = link
-    rows = [
-        [0.5 * (yy + zz - xx), -xy, -xz, hx],
-        [-xy, 0.5 * (xx + zz - yy), -yz, hy],
-        [-xz, -yz, 0.5 * (xx + yy - zz), hz],
-        [hx, hy, hz, m],
-    ]
-    if all(isinstance(entry, int | float | np.floating) for entry in link):
-        return np.array(rows, dtype=float)
-    return _cvxpy().bmat(rows)
