@@ -23,12 +23,12 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
     from ivtools.estimators.least_squares import IDIMLS as IDIMLS
     from ivtools.estimators.least_squares import IDIMWLS as IDIMWLS
     from ivtools.estimators.refined import IDIMPIV as IDIMPIV
+    from ivtools.hypothesis import TestResult as TestResult
     from ivtools.loop import ClosedLoop as ClosedLoop
     from ivtools.pipeline import Pipeline as Pipeline
     from ivtools.problem import Problem as Problem
     from ivtools.record import Record as Record
     from ivtools.results import FitResults as FitResults
-    from ivtools.results import TestResult as TestResult
     from ivtools.robot import Robot as Robot
 
 __version__ = "0.1.0"
@@ -65,7 +65,7 @@ _NAMES = {
     "Robot": "robot",
     "Problem": "problem",
     "FitResults": "results",
-    "TestResult": "results",
+    "TestResult": "hypothesis",
     "compare": "comparison",
     **dict.fromkeys(_ESTIMATORS, "estimators"),
     "drive_gain": "estimators.drive_gain",

@@ -6,22 +6,26 @@ The vocabulary is that of statsmodels and linearmodels.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import erfc, ndtri
 
 from ivtools import linalg
-from ivtools.display import Displayed
-from ivtools.tables import Text, table, two_columns
+from ivtools.display import plain
+from ivtools.errors import EstimationError
+from ivtools.estimates import Estimates
+from ivtools.goodness import ErrorFigures, Goodness
+from ivtools.hypothesis import WithTests
+from ivtools.tables import Text, dashed, rounded, table, two_columns
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
+    from ivtools.record import Record
 
 Array = NDArray[np.float64]
 
@@ -32,105 +36,8 @@ COVARIANCES = {
 }
 
 
-@dataclass(frozen=True)
-class TestResult:
-    """Outcome of a statistical test, or the reason why it does not apply.
-
-    Attributes
-    ----------
-    name, null : str
-        The test and its null hypothesis.
-    statistic, pvalue : float or None
-        None if the test does not apply.
-    df : tuple of float
-        Degrees of freedom.
-    distribution : str
-        Of the statistic under the null hypothesis.
-    reason : str
-        Why the test does not apply, or a remark on how it was done.
-
-    Examples
-    --------
-    >>> TestResult("Sargan", "the surplus instruments are valid", reason="no surplus instrument")
-    Sargan: does not apply (no surplus instrument)
-    """
-
-    __test__ = False  # not a test for pytest
-
-    name: str
-    null: str
-    statistic: float | None = None
-    pvalue: float | None = None
-    df: tuple[float, ...] = ()
-    distribution: str = ""
-    reason: str = ""
-
-    @property
-    def applies(self) -> bool:
-        """Whether there is a statistic."""
-        return self.statistic is not None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the content as plain objects, ready for JSON."""
-        return {
-            "name": self.name,
-            "statistic": self.statistic,
-            "pvalue": self.pvalue,
-            "df": list(self.df),
-            "distribution": self.distribution,
-            "null": self.null,
-            "reason": self.reason,
-        }
-
-    def __repr__(self) -> str:
-        if self.statistic is None:
-            return f"{self.name}: does not apply ({self.reason})"
-        dist = f"{self.distribution}({', '.join(f'{d:g}' for d in self.df)})"
-        dist = dist.removesuffix("()")
-        end = "" if self.pvalue is None else f", p = {self.pvalue:.4g}"
-        return f"{self.name}: {dist} = {self.statistic:.5g}{end}; null: {self.null}"
-
-
-class ErrorFigures(NamedTuple):
-    """Size of the error y - X theta.
-
-    Attributes
-    ----------
-    norm : float
-        Euclidean norm, in N or N m.
-    relative : float
-        100 norm / norm(y), in %.
-    std : float
-        Standard deviation (ddof 1), in N or N m.
-    """
-
-    norm: float
-    relative: float
-    std: float
-
-    @classmethod
-    def of(cls, error: Array, y: Array) -> ErrorFigures:
-        """Measure an error (N,) against the measurement y (N,)."""
-        norm, size = float(np.linalg.norm(error)), float(np.linalg.norm(y))
-        relative = 100.0 * norm / size if size else (math.inf if norm else 0.0)
-        return cls(norm, relative, float(np.std(error, ddof=1)))
-
-
-def _test(name: str, summary: str) -> Callable[..., TestResult]:
-    """Return a method that hands the result to the test of this name in `inference`."""
-
-    def method(self: FitResults, *args: Any, **options: Any) -> TestResult:
-        from ivtools import inference
-
-        return getattr(inference, name)(self, *args, **options)
-
-    method.__name__ = name
-    method.__doc__ = f"{summary} See `ivtools.inference.{name}`."
-    return method
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class FitResults(Displayed):
+class FitResults(Estimates, Goodness, WithTests):
     """Result of one fit; nothing in it changes.
 
     Attributes
@@ -140,7 +47,7 @@ class FitResults(Displayed):
     params : Series (p,)
         Estimates by parameter name, SI.
     cov : DataFrame (p, p)
-        Covariance of the estimates.
+        Covariance of the estimates; NaN if they have not converged.
     cov_type : str
         "hac", "robust" or "classical".
     X, y : (N, p), (N,) ndarray
@@ -266,59 +173,6 @@ class FitResults(Displayed):
         return replace(self, cov=pd.DataFrame(cov, index=names, columns=names), cov_type=cov_type)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Parameter names, in the order of the columns of X."""
-        return tuple(self.params.index)
-
-    @property
-    def nobs(self) -> int:
-        """Number of rows of the regression."""
-        return len(self.y)
-
-    @property
-    def fitted(self) -> Array:
-        """What the estimate makes of y (N,): X theta, or the simulated signal."""
-        return self.y - self.resids
-
-    @property
-    def std_errors(self) -> pd.Series:
-        """Standard errors of the estimates."""
-        variances = np.diag(self.cov.to_numpy())
-        return pd.Series(np.sqrt(variances), index=self.params.index, name="std_errors")
-
-    @property
-    def relative_std(self) -> pd.Series:
-        """Standard errors as a share of the estimates, in %; infinite for an estimate of 0."""
-        with np.errstate(divide="ignore"):
-            return (100.0 * self.std_errors / self.params.abs()).rename("relative_std")
-
-    @property
-    def tstats(self) -> pd.Series:
-        """Estimates over their standard errors."""
-        return (self.params / self.std_errors).rename("tstats")
-
-    @property
-    def pvalues(self) -> pd.Series:
-        """Two-sided p-values of a parameter of 0, by the normal distribution."""
-        tails = erfc(self.tstats.abs().to_numpy() / math.sqrt(2.0))
-        return pd.Series(tails, index=self.params.index, name="pvalues")
-
-    def conf_int(self, level: float = 0.95) -> pd.DataFrame:
-        """Return the confidence intervals by the normal distribution: columns lower, upper."""
-        reach = float(ndtri(0.5 + 0.5 * level)) * self.std_errors
-        return pd.DataFrame({"lower": self.params - reach, "upper": self.params + reach})
-
-    @property
-    def errors(self) -> ErrorFigures:
-        """Norm, relative size and standard deviation of the residual."""
-        return ErrorFigures.of(self.resids, self.y)
-
-    @property
-    def relative_error(self) -> float:
-        """100 norm(y - X theta) / norm(y), in %."""
-        return self.errors.relative
-
-    @property
     def signal(self) -> str:
         """What y is: the force, unless the method compares a simulated signal of another kind."""
         return str(self.extras.get("signal", "force"))
@@ -337,24 +191,58 @@ class FitResults(Displayed):
             X = replace(self.problem, pipeline=pipeline).X
         return pd.Series(linalg.abs_diag_r(X), index=self.params.index, name="abs_diag_r")
 
-    def cross_test(self, problem: Problem) -> ErrorFigures:
-        """Measure the error of these parameters on another record's problem."""
-        theta = self.params.reindex(problem.names).to_numpy()  # a shape parameter has no column
+    def problem_of(self, record: Record | Problem) -> Problem:
+        """Return another record's problem, with what this fit found out about the loop.
+
+        Parameters without a column, such as a Stribeck speed, become the loop's.
+
+        Raises
+        ------
+        EstimationError
+            If the fit does not know its own problem.
+        """
+        other: Any = record
+        if not hasattr(other, "pipeline"):
+            if self.problem is None:
+                raise EstimationError("the fit has no problem; give a Problem instead of a Record")
+            own: Any = self.problem
+            other = replace(own, record=record)
+        shapes = {str(k): float(v) for k, v in self.params.items() if k not in other.names}
+        if shapes:
+            start = {**other.loop.start, **shapes}
+            other = replace(other, loop=replace(other.loop, start=start))
+        problem: Problem = other
+        return problem
+
+    def predict(self, record: Record | Problem | None = None) -> pd.Series:
+        """Return the force that the parameters make of a motion, by time, N or N m.
+
+        Parameters
+        ----------
+        record : Record or Problem, optional
+            Default: the record of the fit.
+
+        Returns
+        -------
+        Series (N,)
+            X theta at the rows of the pipeline.
+        """
+        if record is None and self.problem is None:
+            return self.fittedvalues
+        own: Any = self.problem
+        problem = self.problem_of(own if record is None else record)
+        theta = self.params.reindex(problem.names).to_numpy()
+        return pd.Series(problem.X @ theta, index=pd.Index(problem.t, name="t"), name="predict")
+
+    def cross_test(self, record: Record | Problem) -> ErrorFigures:
+        """Measure the error of these parameters on another record."""
+        problem = self.problem_of(record)
+        theta = self.params.reindex(problem.names).to_numpy()
         return ErrorFigures.of(problem.y - problem.X @ theta, problem.y)
 
     def not_identifiable(self, limit: float = 10.0) -> tuple[str, ...]:
-        """Return the parameters whose relative deviation exceeds a limit, in %."""
+        """Return the parameters whose relative deviation exceeds a limit, in %, or is unknown."""
         return tuple(self.params.index[~(self.relative_std <= limit)])
-
-    def frame(self, level: float = 0.95) -> pd.DataFrame:
-        """Return parameters, units, standard errors and confidence intervals side by side."""
-        columns = {
-            "unit": pd.Series(self.units or ("",) * len(self.params), index=self.params.index),
-            "params": self.params,
-            "std_errors": self.std_errors,
-            "relative_std": self.relative_std,
-        }
-        return pd.DataFrame(columns).join(self.conf_int(level))
 
     def to_dict(self, tests: bool = True) -> dict[str, Any]:
         """Return the content as plain objects, ready for JSON.
@@ -366,24 +254,24 @@ class FitResults(Displayed):
         """
         return {
             "method": self.method,
-            "params": _plain(self.params),
-            "std_errors": _plain(self.std_errors),
+            "params": plain(self.params),
+            "std_errors": plain(self.std_errors),
             "cov_type": self.cov_type,
-            "relative_error": self.relative_error,
-            "condition_number": self.condition_number,
+            "relative_error": plain(self.relative_error),
+            "condition_number": plain(self.condition_number),
             "nobs": self.nobs,
             "n_iter": int(self.n_iter),
             "converged": bool(self.converged),
             "tests": {k: t.to_dict() for k, t in self.tests().items()} if tests else {},
         }
 
-    def summary(self, level: float = 0.95, limit: float = 10.0) -> Text:
+    def summary(self, alpha: float = 0.05, limit: float = 10.0) -> Text:
         """Return a table of at most 80 columns.
 
         Parameters
         ----------
-        level : float
-            Of the confidence intervals.
+        alpha : float
+            One less the level of the confidence intervals.
         limit : float
             Relative deviation, in %, above which a parameter is marked as not identifiable.
 
@@ -392,17 +280,13 @@ class FitResults(Displayed):
         Text
             A string that prints as a table, and shows itself in a notebook.
         """
-        weak = self.not_identifiable(limit)
-        ends = [f"[{0.5 - level / 2:.3g}", f"{0.5 + level / 2:.3g}]"]
-        header = ["", "unit", "value", "std error", "rel. %", *ends, ""]
-        units = self.units or ("",) * len(self.params)
-        numbers = self.frame(level).drop(columns="unit").to_numpy(dtype=float).tolist()
+        weak = self.not_identifiable(limit) if self.converged else ()
+        header = ["", "unit", "value", "std error", "rel. %"]
+        header += [f"[{0.5 * alpha:.3g}", f"{1.0 - 0.5 * alpha:.3g}]", ""]
         rows = [
-            [name, unit, *_digits(value, std), f"{relative:.2f}"]
-            + [_digits(lower, std)[0], _digits(upper, std)[0], "*" if name in weak else ""]
-            for name, unit, (value, std, relative, lower, upper) in zip(
-                self.names, units, numbers, strict=True
-            )
+            [name, unit, *rounded(value, std), dashed(relative, ".2f")]
+            + [rounded(low, std)[0], rounded(up, std)[0], "*" if name in weak else ""]
+            for name, unit, value, std, relative, low, up in self.frame(alpha).to_records().tolist()
         ]
         notes = list(self.notes)
         if weak:
@@ -424,43 +308,5 @@ class FitResults(Displayed):
 
     def __repr__(self) -> str:
         pairs = zip(self.params.to_list(), self.std_errors.to_list(), strict=True)
-        shown = ", ".join(f"{n} {_digits(*p)[0]}" for n, p in zip(self.names, pairs, strict=True))
+        shown = ", ".join(f"{n} {rounded(*p)[0]}" for n, p in zip(self.names, pairs, strict=True))
         return f"<FitResults {self.method}: {shown}; relative error {self.relative_error:.3f} %>"
-
-    wu_hausman = _test("wu_hausman", "Test whether the columns are exogenous.")
-    hausman_contrast = _test("hausman_contrast", "Test instrumental variables against LS.")
-    sargan = _test("sargan", "Test the surplus instruments.")
-    basmann = _test("basmann", "Test the surplus instruments, with a small-sample correction.")
-    hansen = _test("hansen", "Test the surplus instruments, robust to autocorrelation.")
-    anderson_rubin = _test("anderson_rubin", "Test theta whatever the instruments' strength.")
-    ljung_box = _test("ljung_box", "Test whether the residual is white.")
-    normality = _test("normality", "Test whether the residual is normal.")
-    stationarity = _test("stationarity", "Test whether the residual is stationary.")
-    wald = _test("wald", "Test linear restrictions on the parameters.")
-
-    def first_stage(self, **options: Any) -> pd.DataFrame:
-        """Measure the strength of the instruments (see `inference.first_stage`)."""
-        from ivtools import inference
-
-        return inference.first_stage(self, **options)
-
-    def tests(self) -> dict[str, TestResult]:
-        """Return every test of this result by its name (see `inference.all_tests`)."""
-        from ivtools import inference
-
-        return inference.all_tests(self)
-
-
-def _plain(series: pd.Series) -> dict[str, float]:
-    """Return a Series as a dict of Python floats."""
-    return {str(name): float(value) for name, value in series.items()}
-
-
-def _digits(value: float, std: float) -> tuple[str, str]:
-    """Write a value and its standard error, the error with four significant digits."""
-    if not (math.isfinite(value) and math.isfinite(std)) or std == 0.0:
-        return f"{value:.6g}", f"{std:.4g}"
-    decimals = 3 - math.floor(math.log10(std))
-    if 0 <= decimals <= 7 and abs(value) < 1e6:
-        return f"{value:.{decimals}f}", f"{std:.{decimals}f}"
-    return f"{value:.5e}", f"{std:.2e}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from html import escape
 
@@ -95,6 +96,40 @@ def two_columns(pairs: Sequence[tuple[str, str]]) -> list[str]:
     cells = [f"{label}:{value:>{37 - len(label)}}" for label, value in pairs]
     cells += [""] * (len(cells) % 2)
     return [f"{a}    {b}".rstrip() for a, b in zip(cells[::2], cells[1::2], strict=True)]
+
+
+def rounded(value: float, std: float, digits: int = 4) -> tuple[str, str]:
+    """Write a value and its standard error, both to the last digit that the error leaves sense.
+
+    Parameters
+    ----------
+    value, std : float
+    digits : int
+        Significant digits of the error.
+
+    Examples
+    --------
+    >>> rounded(95.18342, 0.12345, 2), rounded(95.18342, math.nan), rounded(math.nan, math.nan)
+    (('95.18', '0.12'), ('95.1834', '-'), ('-', '-'))
+    """
+    if not (math.isfinite(value) and math.isfinite(std)) or std == 0.0:
+        return dashed(value, ".6g"), dashed(std, ".4g")
+    decimals = digits - 1 - math.floor(math.log10(std))
+    if 0 <= decimals <= 7 and abs(value) < 1e6:
+        return f"{value:.{decimals}f}", f"{std:.{decimals}f}"
+    more = max(math.floor(math.log10(abs(value) / std)), 0) if value else 0
+    return f"{value:.{more + digits - 1}e}", f"{std:.{digits - 1}e}"
+
+
+def dashed(value: float, form: str) -> str:
+    """Write a number, or a dash in the place of one that is not known.
+
+    Examples
+    --------
+    >>> dashed(1.0, ".2f"), dashed(math.nan, ".2f"), dashed(math.inf, ".2f")
+    ('1.00', '-', 'inf')
+    """
+    return "-" if math.isnan(value) else f"{value:{form}}"
 
 
 def _line(row: Sequence[str], widths: Sequence[int], left: int) -> str:

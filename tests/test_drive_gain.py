@@ -45,7 +45,7 @@ def test_a_record_without_noise_gives_the_gain_whatever_is_stated(twin):
 def test_the_true_gain_lies_within_its_interval(twin, seed):
     pair = (payload(twin, 0.0, 2.0, seed), payload(twin, 20.0, 2.0, seed))
     found = drive_gain(*pair, 20.0)
-    lower, upper = found.conf_int(0.99)
+    lower, upper = found.conf_int(0.01)
     assert lower < axes.emps().gain < upper
     assert 0.001 < found.std_error / found.gain < 0.02
     assert "Drive gain" in found.summary() and found._repr_html_() and "N/V" in repr(found)

@@ -23,6 +23,7 @@ ORDER = [
     ("loop",),
     ("axes", "digest"),
     ("problem",),
+    ("estimates", "goodness", "hypothesis"),
     ("results", "transfer_table"),
     ("comparison",),
     ("inference", "estimators"),
@@ -37,7 +38,7 @@ RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}
 #: Methods that open a room to the right when they are called; nothing else may.
 LATE = {
     ("datasets", "axes"): "twin() is simulated by the loop of a registered axis",
-    ("results", "inference"): "results offer their own tests",
+    ("hypothesis", "inference"): "results offer their own tests",
     ("record", "plots"): "record.plot()",
     ("loop", "plots"): "simulation.plot()",
     ("display", "plots"): "plot() of every result",

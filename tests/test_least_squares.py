@@ -47,7 +47,7 @@ def test_least_squares_is_that_of_statsmodels(problem):
     np.testing.assert_allclose(fit.std_errors, expected.bse, rtol=1e-10)
     np.testing.assert_allclose(fit.resids, expected.resid, atol=1e-12)
     np.testing.assert_allclose(fit.pvalues, expected.pvalues, rtol=1e-8, atol=1e-300)
-    np.testing.assert_allclose(fit.conf_int(0.9), expected.conf_int(0.1), rtol=1e-8)
+    np.testing.assert_allclose(fit.conf_int(0.1), expected.conf_int(0.1), rtol=1e-8)
     assert fit.method == "idim-ls"
     assert fit.units == problem.units
     assert fit.problem is problem

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import ivtools.results as results_module
 from ivtools.comparison import compare
 from ivtools.errors import EstimationError, IVToolsError
+from ivtools.hypothesis import TestResult
 from ivtools.pipeline import Pipeline
-from ivtools.results import FitResults, TestResult
+from ivtools.results import FitResults
 from ivtools.tables import Text, table
 
 NAMES = ("inertia", "viscous", "coulomb", "offset")
@@ -218,11 +218,11 @@ def test_test_results_show_themselves():
 
 
 def test_every_test_is_a_method_with_a_docstring():
-    for name in ("wu_hausman", "sargan", "ljung_box", "wald"):
+    for name in ("wu_hausman", "sargan", "ljung_box", "wald_test"):
         method = getattr(FitResults, name)
         assert method.__name__ == name
         assert f"ivtools.inference.{name}" in method.__doc__
-    assert results_module.TestResult.__test__ is False
+    assert TestResult.__test__ is False
 
 
 def test_compare_sets_results_side_by_side():

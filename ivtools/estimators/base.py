@@ -144,7 +144,7 @@ def reduce(problem: Problem, estimator: Estimator, limit: float = 10.0) -> FitRe
         essential = reduce(problem, IDIMLS(), limit=10.0)
     """
     results, dropped = estimator.fit(problem), []
-    while results.not_identifiable(limit) and len(results.names) > 1:
+    while results.converged and results.not_identifiable(limit) and len(results.names) > 1:
         worst = str(results.relative_std.fillna(float("inf")).idxmax())
         dropped.append(f"dropped {worst}: relative deviation {results.relative_std[worst]:.1f} %")
         problem = problem.select([name for name in results.names if name != worst])

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
 
 from ivtools.display import Displayed
+from ivtools.estimates import critical_values
 from ivtools.tables import Text, table, two_columns
 
 if TYPE_CHECKING:
@@ -59,14 +60,13 @@ class DriveGain(Displayed):
     unit: str = "N/V"
     method: str = "tls"
 
-    def conf_int(self, level: float = 0.95) -> tuple[float, float]:
-        """Return the confidence interval of the gain.
+    def conf_int(self, alpha: float = 0.05) -> tuple[float, float]:
+        """Return the confidence interval of the gain; alpha is one less its level.
 
         By Student's distribution of one block less than there are, or the normal one.
         """
-        freedom, tail = len(self.replicates) - 1, 0.5 + 0.5 * level
-        quantile = float(stdtrit(freedom, tail) if freedom > 0 else ndtri(tail))
-        reach = quantile * self.std_error
+        freedom = len(self.replicates) - 1
+        reach = float(critical_values(freedom if freedom > 0 else math.inf, alpha)) * self.std_error
         return self.gain - reach, self.gain + reach
 
     def summary(self) -> Text:

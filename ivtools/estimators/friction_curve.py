@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, overload
+from typing import TYPE_CHECKING, ClassVar, overload
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
 
 from ivtools.display import Displayed
 from ivtools.errors import EstimationError
-from ivtools.tables import Text, table, two_columns
+from ivtools.estimates import critical_values
+from ivtools.tables import Text, dashed, table, two_columns
 
 if TYPE_CHECKING:
     pass
@@ -49,6 +50,10 @@ class FrictionCurve(Displayed):
     """
 
     figure: ClassVar[str] = "friction_curve"
+    content: ClassVar[tuple[str, ...]] = (
+        "params", "std_errors", "relative_error", "r2", "converged",
+        "velocity", "force", "std_error",
+    )  # fmt: skip
 
     velocity: Array
     force: Array
@@ -65,6 +70,12 @@ class FrictionCurve(Displayed):
     n_passes: int
     converged: bool
     runtime: float
+
+    def __post_init__(self) -> None:
+        """Withhold the standard errors of what has not converged."""
+        if not self.converged:
+            object.__setattr__(self, "std_error", np.full_like(self.std_error, math.nan))
+            object.__setattr__(self, "std_errors", dict.fromkeys(self.std_errors, math.nan))
 
     @property
     def units(self) -> tuple[str, str]:
@@ -115,7 +126,7 @@ class FrictionCurve(Displayed):
             rows[name] = {"coulomb": np.sign(v[0]) * level, "viscous": slope, "bend": bend}
         return pd.DataFrame.from_dict(rows, orient="index")
 
-    def asymmetry(self, n: int = 9, level: float = 0.95) -> pd.DataFrame:
+    def asymmetry(self, n: int = 9, alpha: float = 0.05) -> pd.DataFrame:
         """Return how far the friction of both directions differs, at n speeds.
 
         Returns
@@ -134,7 +145,7 @@ class FrictionCurve(Displayed):
         speed = np.linspace(least, most, n)
         ahead, back = self(speed), -self(-speed)
         std = np.hypot(*(np.interp(s * speed, self.velocity, self.std_error) for s in (1, -1)))
-        reach = float(ndtri(0.5 + 0.5 * level)) * std
+        reach = float(critical_values(math.inf, alpha)) * std
         gap = ahead - back
         return pd.DataFrame(
             {"speed": speed, "forward": ahead, "backward": back, "difference": gap,
@@ -147,25 +158,13 @@ class FrictionCurve(Displayed):
         low, high = self._gap
         return max(-low, high), min(-float(self.velocity[0]), float(self.velocity[-1]))
 
-    def to_frame(self, level: float = 0.95) -> pd.DataFrame:
+    def to_frame(self, alpha: float = 0.05) -> pd.DataFrame:
         """Return the curve as columns velocity, force, std_error, lower, upper."""
-        reach = float(ndtri(0.5 + 0.5 * level)) * self.std_error
+        reach = float(critical_values(math.inf, alpha)) * self.std_error
         return pd.DataFrame(
             {"velocity": self.velocity, "force": self.force, "std_error": self.std_error,
              "lower": self.force - reach, "upper": self.force + reach}
         )  # fmt: skip
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the content as plain objects, ready for JSON."""
-        columns = ("velocity", "force", "std_error")
-        return {
-            "params": dict(self.params),
-            "std_errors": dict(self.std_errors),
-            "relative_error": self.relative_error,
-            "r2": self.r2,
-            "converged": self.converged,
-            **{name: getattr(self, name).tolist() for name in columns},
-        }
 
     def summary(self, points: int = 5) -> Text:
         """Return the curve at a few speeds as a table."""
@@ -179,8 +178,8 @@ class FrictionCurve(Displayed):
         )
         curve = self.to_frame().set_index("velocity")
         rows = [
-            [f"{x:.4g}", *(f"{curve.loc[x, c]:.4g}" for c in ("force", "std_error"))]
-            + [f"{curve.loc[x, c]:.4g}" for c in ("lower", "upper")]
+            [f"{x:.4g}"]
+            + [dashed(curve.loc[x, c], ".4g") for c in ("force", "std_error", "lower", "upper")]
             for x in v
         ]
         header = [f"velocity, {speed_unit}", f"friction, {force_unit}", "std error", "[0.025"]
@@ -191,7 +190,8 @@ class FrictionCurve(Displayed):
 
     def _status(self) -> list[tuple[str, str]]:
         params = [
-            (name, f"{v:.5g} +- {self.std_errors[name]:.2g}") for name, v in self.params.items()
+            (name, f"{v:.5g} +- {dashed(self.std_errors[name], '.2g')}")
+            for name, v in self.params.items()
         ]
         return [
             *params,

@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ivtools.display import Displayed
+from ivtools.display import plain
 from ivtools.errors import EstimationError
+from ivtools.estimates import Estimates
 from ivtools.linalg import automatic_bandwidth, covariance, influence
-from ivtools.tables import Text, table, two_columns
+from ivtools.tables import Text, rounded, table, two_columns
 
 if TYPE_CHECKING:
     import control
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TransferFunctionResults(Displayed):
+class TransferFunctionResults(Estimates):
     """Result of one fit of a transfer function.
 
     Attributes
@@ -138,17 +139,6 @@ class TransferFunctionResults(Displayed):
         return self.estimator.hold == "euler"
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the coefficients."""
-        return tuple(self.params.index)
-
-    @property
-    def std_errors(self) -> pd.Series:
-        """Standard errors of the coefficients."""
-        variances = np.diag(self.cov.to_numpy())
-        return pd.Series(np.sqrt(variances), index=self.params.index, name="std_errors")
-
-    @property
     def poles(self) -> NDArray[np.complex128]:
         """Poles, rad/s; of a model in discrete time those of the exponentials that it samples."""
         from ivtools.estimators.continuous import exponents
@@ -226,8 +216,8 @@ class TransferFunctionResults(Displayed):
             "poles": e.poles,
             "zeros": e.zeros,
             "integrators": e.integrators,
-            "params": {str(k): float(v) for k, v in self.params.items()},
-            "std_errors": {str(k): float(v) for k, v in self.std_errors.items()},
+            "params": plain(self.params),
+            "std_errors": plain(self.std_errors),
             "numerator": self.B.tolist(),
             "denominator": self.A.tolist(),
             "pole_values": [[float(p.real), float(p.imag)] for p in self.poles],
@@ -250,11 +240,10 @@ class TransferFunctionResults(Displayed):
             ("Converged", f"{'yes' if self.converged else 'NO'} ({self.n_iter} iterations)"),
             ("Poles, rad/s", " ".join(f"{p:.3g}" for p in self.poles)[:24]),
         ]
-        values = zip(self.params.to_list(), self.std_errors.to_list(), strict=True)
-        rows = [[n, f"{v:.6g}", f"{e:.3g}"] for n, (v, e) in zip(self.params.index, values,
-                                                                 strict=True)]  # fmt: skip
+        pair = zip(self.params.to_list(), self.std_errors.to_list(), strict=True)
+        rows = [[n, *rounded(v, e)] for n, (v, e) in zip(self.names, pair, strict=True)]
         title = f"{self.method.upper()} transfer function"
-        return table(title, two_columns(pairs), ["", "value", "std error"], rows)
+        return table(title, two_columns(pairs), ["", "value", "std error"], rows, self.notes)
 
     def __repr__(self) -> str:
         return (

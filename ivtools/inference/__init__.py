@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ivtools.hypothesis import TestResult
 from ivtools.inference.endogeneity import hausman_contrast, wu_hausman
 from ivtools.inference.overidentification import anderson_rubin_overid, basmann, hansen, sargan
 from ivtools.inference.residuals import ljung_box, normality, stationarity
-from ivtools.inference.restrictions import wald
+from ivtools.inference.restrictions import wald_test
 from ivtools.inference.strength import anderson_rubin, first_stage, weak_instruments
-from ivtools.results import FitResults, TestResult
+from ivtools.results import FitResults
 
 __all__ = [
     "all_tests",
@@ -28,7 +29,7 @@ __all__ = [
     "normality",
     "sargan",
     "stationarity",
-    "wald",
+    "wald_test",
     "weak_instruments",
     "wu_hausman",
 ]

@@ -6,6 +6,7 @@ import numpy as np
 
 from ivtools import linalg
 from ivtools.errors import EstimationError
+from ivtools.hypothesis import TestResult
 from ivtools.inference.system import (
     SPANNED,
     System,
@@ -16,7 +17,7 @@ from ivtools.inference.system import (
     rss,
 )
 from ivtools.linalg import CovType
-from ivtools.results import FitResults, TestResult
+from ivtools.results import FitResults
 
 NULL = "the columns are exogenous, least squares is consistent"
 

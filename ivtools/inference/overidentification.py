@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from ivtools import linalg
+from ivtools.hypothesis import TestResult
 from ivtools.inference.system import System, chi2_result, lacks, quadratic_form
 from ivtools.linalg import CovType
-from ivtools.results import FitResults, TestResult
+from ivtools.results import FitResults
 
 NULL = "every instrument is valid"
 

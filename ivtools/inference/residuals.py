@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from ivtools import linalg
 from ivtools.errors import EstimationError
+from ivtools.hypothesis import TestResult
 from ivtools.inference.system import chi2_result
-from ivtools.results import FitResults, TestResult
+from ivtools.results import FitResults
 
 MAX_ADF_CELLS = 5_000_000  # rows times lags of the unit-root regression
 

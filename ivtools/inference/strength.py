@@ -9,9 +9,10 @@ import pandas as pd
 
 from ivtools import linalg
 from ivtools.errors import EstimationError
+from ivtools.hypothesis import TestResult
 from ivtools.inference.system import System, excluded_test, f_result, lacks
 from ivtools.linalg import CovType
-from ivtools.results import FitResults, TestResult
+from ivtools.results import FitResults
 
 WEAK_F = 10.0  # Staiger and Stock's rule of thumb
 COLUMNS = ["rsquared", "partial_rsquared", "shea_rsquared", "f_stat", "f_pvalue"]

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc
 
 from ivtools import linalg
-from ivtools.results import FitResults, TestResult
+from ivtools.hypothesis import TestResult
+from ivtools.results import FitResults
 
 Array = NDArray[np.float64]
 
@@ -94,7 +95,7 @@ def chi2_result(name: str, null: str, statistic: float, df: int, reason: str = "
 
 
 def f_result(
-    name: str, null: str, statistic: float, df: tuple[int, int], reason: str = ""
+    name: str, null: str, statistic: float, df: tuple[float, float], reason: str = ""
 ) -> TestResult:
     """Return the result of a statistic with an F distribution."""
     p = float(fdtrc(*df, statistic))

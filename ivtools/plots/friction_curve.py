@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
+from ivtools.estimates import critical_values
 from ivtools.plots.style import COLOURS, WIDTH_MM, Sheet, legend_above, look, readable, sheet
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def _over_speed(axes: Axes, curve: FrictionCurve, level: float) -> None:
 
 def _branches(curve: FrictionCurve, level: float) -> list[tuple[Array, Array, Array]]:
     """Return velocity, friction and reach of the band of each direction."""
-    reach = float(ndtri(0.5 + 0.5 * level)) * curve.std_error
+    reach = float(critical_values(math.inf, 1.0 - level)) * curve.std_error
     sides = [curve.velocity < 0.0, curve.velocity > 0.0]
     return [(curve.velocity[s], curve.force[s], reach[s]) for s in sides if s.any()]
 

@@ -49,7 +49,10 @@ def parameters(
     """
     fits = list(results if isinstance(results, Sequence) else results.results)
     names = list(dict.fromkeys(name for fit in fits for name in fit.names))
-    labels = labels_of(fits)
+    labels = [
+        label if fit.converged else f"{label} (not converged)"
+        for label, fit in zip(labels_of(fits), fits, strict=True)
+    ]
     rows = -(-len(names) // 2)
     with look():
         figure = sheet(width_mm, 10.0 + rows * (11.5 + 3.6 * len(fits)))
@@ -74,13 +77,14 @@ def _panel(axes: Axes, name: str, fits: Sequence[FitResults], level: float) -> N
         if name not in fit.names:
             continue
         unit = dict(zip(fit.names, fit.units, strict=False)).get(name, unit)
-        value, ends = float(fit.params[name]), fit.conf_int(level)
+        value, ends = float(fit.params[name]), fit.conf_int(1.0 - level)
         reach = [[value - float(ends["lower"][name])], [float(ends["upper"][name]) - value]]
         axes.errorbar(
             value,
             k,
             xerr=np.nan_to_num(np.asarray(reach)),
             fmt=MARKERS[k % len(MARKERS)],
+            mfc=None if fit.converged else "none",
             color=COLOURS["series"][k % len(COLOURS["series"])],
             ms=3.4,
             lw=1.1,

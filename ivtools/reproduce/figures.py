@@ -5,11 +5,12 @@ from __future__ import annotations
 from time import perf_counter
 
 from ivtools import axes
+from ivtools.goodness import ErrorFigures
 from ivtools.problem import Problem
 from ivtools.record import Record
 from ivtools.reproduce.rows import value
 from ivtools.reproduce.toolboxes import report_cases
-from ivtools.results import ErrorFigures, FitResults
+from ivtools.results import FitResults
 
 Figures = dict[tuple[str, str, str], float]
 
