@@ -6,10 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ivtools.clock import Clock
 from ivtools.columns import column_name
 from ivtools.errors import RecordError, ShapeError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ivtools.record import Record
 
 __all__ = ["check", "doubts", "findings"]
@@ -18,6 +21,8 @@ MIN_SAMPLES = 200
 MAX_JITTER = 0.01  # of the step
 SLOWEST_HZ, FASTEST_HZ = 20.0, 1e6  # sampling outside suggests that t is not in s
 FASTEST_MOTION = 1000.0  # m/s or rad/s
+ABSURD = 1e30  # in SI; what is larger is no measurement, and its square no number
+LOGGERS = 0.35  # of the step; what jitters less, around a steady clock, is the logger and not it
 MUST_VARY = ("q", "q_ref", "nu", "tau", "dq")
 COUNTED = "rows of data count from 0"
 
@@ -93,6 +98,8 @@ def _check_values(record: Record) -> None:
             raise RecordError(
                 f"{column} is {kind} at row {row} ({COUNTED}); keep a part without it"
             )
+        if signal != "t":
+            _check_size(signal, values, record.n_joints)
 
 
 def _check_time(record: Record) -> None:
@@ -108,8 +115,46 @@ def _check_time(record: Record) -> None:
         row = int(np.argmax(~(np.abs(step - record.dt) <= MAX_JITTER * record.dt))) + 1
         raise RecordError(
             f"t jitters by {100 * record.jitter:.3g} % of its step, more than 1 %, first at row "
-            f"{row} ({COUNTED}); keep a part without lost samples or resample to a constant rate"
+            f"{row} ({COUNTED}); {_jitter_remedy(t)}"
         )
+    if not 1.0 / ABSURD < record.dt < ABSURD:
+        raise RecordError(f"t has steps of {record.dt:.3g} s, which is not plausible; give s")
+
+
+def _jitter_remedy(t: NDArray[np.float64]) -> str:
+    """Say what the stamps look like, and what to write in the axis file for that."""
+    try:
+        clock = Clock.of(t)
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+        return "keep a part without lost samples or resample to a constant rate"
+    if len(clock.missing):
+        return (
+            f"samples are missing {len(clock.missing)} times, first before row "
+            f'{clock.missing[0]}: write [record] gaps = "longest" to use the longest stretch'
+        )
+    if clock.jitter <= LOGGERS:
+        return (
+            f"the stamps lie around a steady {clock.rate:g} Hz: if the logger is late and not the "
+            f"controller, write [record] rate = {clock.rate:.10g}, if the stamps are right, "
+            "resample = true as well"
+        )
+    return (
+        f"if the stamps are wrong and the controller's clock is steady, write [record] rate = "
+        f"{clock.rate:.10g}; if they are right, resample = true as well"
+    )
+
+
+def _check_size(signal: str, values: NDArray[np.float64], n_joints: int) -> None:
+    """Refuse numbers that no axis can make."""
+    size = np.abs(values).max(axis=1) if len(values) else np.zeros(1)
+    if size.max() < ABSURD:
+        return
+    row = int(np.argmax(size >= ABSURD))
+    joint = int(np.argmax(np.abs(values[row])))
+    raise RecordError(
+        f"{column_name(signal, joint, n_joints)} is {values[row, joint]:.3g} at row {row} "
+        f"({COUNTED}), which is not plausible; mend the file or keep a part without it"
+    )
 
 
 def _check_motion(record: Record) -> None:
@@ -117,7 +162,8 @@ def _check_motion(record: Record) -> None:
     excited = any(x is not None and np.ptp(x) > 0 for x in (record.added, record.dq_ref))
     for signal in MUST_VARY:
         values = getattr(record, signal)
-        if values is None or np.ptp(values, axis=0).any() or (signal == "q_ref" and excited):
+        varies = values is None or bool((np.ptp(values, axis=0) > 1.0 / ABSURD).any())
+        if varies or (signal == "q_ref" and excited):
             continue
         remedy = "log a moving axis" if signal == "q" else f"log {signal} or leave it out"
         column = column_name(signal, 0, record.n_joints)

@@ -8,9 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from ivtools.errors import RecordError, ShapeError
+from ivtools.errors import IVToolsError, RecordError, ShapeError
+from ivtools.units import parse
 
-__all__ = ["SIGNALS", "column_name", "match_columns", "pick_further", "pick_signals"]
+__all__ = [
+    "SIGNALS",
+    "UNITS",
+    "column_name",
+    "match_columns",
+    "pick_further",
+    "plain_name",
+    "shown",
+    "stack",
+]
 
 #: Signals of a record and what they mean, in the order of the columns of a file.
 SIGNALS = {
@@ -21,18 +31,19 @@ SIGNALS = {
     "added": "known input added to the command after the controller, as nu",
     "dq": "measured velocity as the controller saw it, m/s or rad/s",
     "dq_ref": "velocity reference, m/s or rad/s",
+    "load": "known force from outside on the mechanics, N or N m",
 }
-#: Units that a header may state; a command may have any.
+#: SI units of a signal; a command may have any.
 UNITS = {
     "t": ("s",),
     "q": ("m", "rad"),
     "q_ref": ("m", "rad"),
-    "tau": ("N", "Nm", "N m", "N*m", "N.m"),
     "dq": ("m/s", "rad/s"),
     "dq_ref": ("m/s", "rad/s"),
+    "tau": ("N", "N m"),
+    "load": ("N", "N m"),
 }
-_OURS = re.compile(rf"(t|({'|'.join(SIGNALS)})(\d*))")
-_HEADER = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
+_OURS = re.compile(rf"(t|({'|'.join(SIGNALS)})(\d{{0,9}}))")
 
 
 def column_name(signal: str, joint: int, n_joints: int) -> str:
@@ -47,7 +58,10 @@ def column_name(signal: str, joint: int, n_joints: int) -> str:
 
 
 def match_columns(
-    names: Iterable[str], columns: Mapping[str, str] | None = None
+    names: Iterable[str],
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    timed: bool = True,
 ) -> dict[str, list[str]]:
     """Find the signals of a record among the names of a table.
 
@@ -57,6 +71,10 @@ def match_columns(
         Column names, possibly with a unit: ``q``, ``q [m]``, ``q1 (rad)``.
     columns : mapping of str to str, optional
         Foreign names, ours = theirs.
+    units : mapping of str to str, optional
+        Units that were stated: of these signals the header may say what it likes.
+    timed : bool
+        Whether a time is needed.
 
     Returns
     -------
@@ -81,33 +99,27 @@ def match_columns(
     found = {ours: _find(ours, str(theirs), names) for ours, theirs in mapping.items()}
     mapped, claimed = {_signal(ours) for ours in mapping}, set(found.values())
     for name in names:
-        ours = _plain(name)[0]
+        ours = plain_name(name)[0]
         if not _OURS.fullmatch(ours) or _signal(ours) in mapped or name in claimed:
             continue
         if ours in found:
             raise RecordError(f"column {ours} appears twice; rename one of them")
         found[ours] = name
-    for needed in ("t", "q"):
+    for needed in ("t", "q") if timed else ("q",):
         if needed not in map(_signal, found):
+            without = ", or [record] rate = 1000 without it" if needed == "t" else ""
             raise RecordError(
-                f"column {needed} is missing; there are {_listed(names)}; "
-                f"say which one it is: columns {needed} = 'name'"
+                f"column {needed} is missing; there are {_listed(names)}; write which one it is in "
+                f'the axis file: [record] columns = {{ {needed} = "name" }}{without}'
             )
     for ours, name in found.items():
-        _check_unit(_signal(ours), name)
+        if not {ours, _signal(ours)} & set(units or ()):
+            _check_unit(_signal(ours), name)
     return {signal: _by_joint(signal, found) for signal in dict.fromkeys(map(_signal, found))}
 
 
-def pick_signals(
-    table: Mapping[str, Any], columns: Mapping[str, str] | None = None
-) -> dict[str, Any]:
-    """Return the signals of a table, several joints side by side, by our names."""
-    table = {str(name): values for name, values in table.items()}
-    return {signal: _stack(table, names) for signal, names in match_columns(table, columns).items()}
-
-
 def pick_further(
-    table: Mapping[str, Any], columns: Mapping[str, str] | None, n_samples: int
+    table: Mapping[str, Any], signals: Mapping[str, list[str]], n_samples: int
 ) -> dict[str, Any]:
     """Return the columns that are no signal of a record, by their names without the unit.
 
@@ -115,22 +127,21 @@ def pick_further(
 
     Examples
     --------
-    >>> sorted(pick_further({"t": [0, 1], "q": [0, 1], "strain [V]": [2, 3]}, None, 2))
+    >>> sorted(pick_further({"t": [0, 1], "strain [V]": [2, 3]}, {"t": ["t"]}, 2))
     ['strain']
     """
-    table = {str(name): values for name, values in table.items()}
-    signals = match_columns(table, columns)
     taken = {name for names in signals.values() for name in names}
     found: dict[str, Any] = {}
     for name in table.keys() - taken:
-        plain, values = _plain(name)[0], np.asarray(table[name])
+        plain, values = plain_name(name)[0], np.asarray(table[name])
         usable = values.shape == (n_samples,) and values.dtype.kind in "biuf"
         if usable and plain and plain not in signals and np.isfinite(values).all():
             found[plain] = values.astype(float)
     return dict(sorted(found.items()))
 
 
-def _stack(table: Mapping[str, Any], names: list[str]) -> Any:
+def stack(table: Mapping[str, Any], names: list[str]) -> Any:
+    """Return the columns of all joints side by side, or the only one as it is."""
     if len(names) == 1:
         return table[names[0]]
     sizes = {name: np.shape(table[name]) for name in names}
@@ -147,29 +158,41 @@ def _signal(ours: str) -> str:
     return ours.rstrip("0123456789")
 
 
-def _plain(name: str) -> tuple[str, str]:
-    """Split ``q [m]`` into ``q`` and ``m``; the unit may be empty."""
-    header = _HEADER.fullmatch(name.strip())
-    return (header[1], header[2].strip()) if header else (name.strip(), "")
+def plain_name(name: str) -> tuple[str, str]:
+    """Split ``q [m]`` or ``q (m)`` into ``q`` and ``m``; the unit may be empty."""
+    plain = name.strip()
+    opening = max(plain.rfind("["), plain.rfind("("))
+    if opening < 0 or plain[-1] not in ")]":
+        return plain, ""
+    return plain[:opening].strip(), plain[opening + 1 : -1].strip()
 
 
 def _find(ours: str, theirs: str, names: list[str]) -> str:
     for name in names:
-        if theirs in (name, name.strip(), _plain(name)[0]):
+        if theirs in (name, name.strip(), plain_name(name)[0]):
             return name
     raise RecordError(
-        f"column {theirs!r}, mapped to {ours}, is missing; there are {_listed(names)}"
+        f"column {theirs!r}, mapped to {ours}, is missing; there are {_listed(names)}; mend "
+        f'[record] columns = {{ {ours} = "name" }}'
     )
 
 
 def _check_unit(signal: str, name: str) -> None:
-    unit = _plain(name)[1]
+    unit = plain_name(name)[1]
     known = UNITS.get(signal, ())
-    if unit and known and unit.lower() not in map(str.lower, known):
-        raise RecordError(
-            f"column {name!r} is in {unit}; convert {signal} to {' or '.join(known[:2])} "
-            "and say so in the header"
-        )
+    if not unit or not known:
+        return
+    try:
+        found = parse(unit)
+        if found.factor == 1.0 and found.si in known:
+            return
+    except IVToolsError:
+        pass
+    raise RecordError(
+        f"column {shown(name)!r} is in {shown(unit)}; convert {signal} to {' or '.join(known)} and "
+        f'say so in the header, or write [record] units = {{ {signal} = "{shown(unit)}" }} in the '
+        "axis file"
+    )
 
 
 def _by_joint(signal: str, found: Mapping[str, str]) -> list[str]:
@@ -186,5 +209,17 @@ def _by_joint(signal: str, found: Mapping[str, str]) -> list[str]:
 
 
 def _listed(names: list[str]) -> str:
-    shown = ", ".join(name.strip() for name in names[:12])
-    return f"{shown}{', ...' if len(names) > 12 else ''}" if names else "none"
+    some = ", ".join(shown(name.strip()) for name in names[:12])
+    return f"{some}{', ...' if len(names) > 12 else ''}" if names else "none"
+
+
+def shown(text: str, most: int = 40) -> str:
+    """Return a text from a file as a message may show it: short, and printable.
+
+    Examples
+    --------
+    >>> shown("a" * 50 + "b"), shown("tab" + chr(0))
+    ('aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa~', 'tab?')
+    """
+    text = text if len(text) <= most else text[: most - 1] + "~"
+    return "".join(c if c.isprintable() else "?" for c in text)

@@ -18,6 +18,7 @@ import numpy as np
 
 from ivtools.errors import DataError
 from ivtools.record import Record
+from ivtools.record_format import RecordFormat
 from ivtools.registry import REGISTRY, DataSet
 
 __all__ = ["REGISTRY", "DataSet", "emps", "emps_pulses", "fetch", "find", "load", "path", "twin"]
@@ -53,7 +54,7 @@ def emps_pulses(data: str | Path | None = None) -> Record:
 def load(
     name: str | Path,
     data: str | Path | None = None,
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | RecordFormat | None = None,
 ) -> Record:
     """Return the record of a registered data set, or of a file.
 
@@ -63,8 +64,8 @@ def load(
         ``emps``, ``emps-pulses``, ``twin``, or a record file.
     data : str or Path, optional
         Folder to look in first.
-    columns : mapping of str to str, optional
-        Foreign column names of a file, ours = theirs.
+    columns : mapping of str to str, or RecordFormat, optional
+        How a file is read, see `Record.read`; registered data sets are known.
 
     Raises
     ------

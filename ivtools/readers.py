@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,26 +14,27 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import NDArray
 
+    from ivtools.record_format import RecordFormat
+
     Table = dict[str, NDArray[np.float64]]
 
-__all__ = ["frame_table", "read_table"]
+__all__ = ["SUFFIXES", "frame_table", "read_table"]
 
 #: The variables of the EMPS files, ours = theirs.
 EMPS = {"q": "qm", "q_ref": "qg", "nu": "vir", "added": "pulses_N"}
-SUFFIXES = (".csv", ".csv.gz", ".parquet", ".mat")
+_TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log")
+SUFFIXES = (*_TEXT, *(f"{suffix}.gz" for suffix in _TEXT), ".parquet", ".mat")
 
 
-def read_table(
-    path: Path, columns: Mapping[str, str] | None = None
-) -> tuple[dict[str, Any], tuple[str, ...]]:
+def read_table(path: Path, layout: RecordFormat) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Read the columns of a record file that make up a record.
 
     Parameters
     ----------
     path : Path
         A csv, csv.gz, parquet or mat file.
-    columns : mapping of str to str, optional
-        Foreign names, ours = theirs.
+    layout : RecordFormat
+        Foreign names and units.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def read_table(
     try:
         if path.stat().st_size == 0:
             raise DataError("the file is empty; log or copy it again")
-        return _READERS[suffix](path, columns)
+        return _READERS.get(suffix, _read_csv)(path, layout)
     except IVToolsError:
         raise
     except Exception as error:  # a parser of another library met a damaged file
@@ -73,9 +73,7 @@ def read_table(
         ) from error
 
 
-def frame_table(
-    frame: pd.DataFrame, columns: Mapping[str, str] | None = None
-) -> dict[str, NDArray[np.float64]]:
+def frame_table(frame: pd.DataFrame, layout: RecordFormat) -> dict[str, NDArray[np.float64]]:
     """Return a record's columns of a DataFrame, and what else it has in numbers.
 
     A named index is a column.
@@ -83,12 +81,16 @@ def frame_table(
     if frame.index.name is not None and frame.index.name not in frame.columns:
         frame = frame.reset_index()
     names = [str(name) for name in frame.columns]
-    wanted = {name for group in match_columns(names, columns).values() for name in group}
+    wanted = {name for group in _matched(names, layout).values() for name in group}
     return {
         name: _numbers(name, frame.iloc[:, position])
         for position, name in enumerate(names)
         if name in wanted or frame.iloc[:, position].dtype.kind in "biuf"
     }
+
+
+def _matched(names: list[str], layout: RecordFormat) -> dict[str, list[str]]:
+    return match_columns(names, layout.columns, layout.units, timed=layout.rate is None)
 
 
 def _numbers(name: str, column: pd.Series) -> NDArray[np.float64]:
@@ -109,41 +111,35 @@ def _numbers(name: str, column: pd.Series) -> NDArray[np.float64]:
     return numbers.to_numpy(dtype=float, na_value=np.nan)
 
 
-def _read_csv(
-    path: Path, columns: Mapping[str, str] | None
-) -> tuple[dict[str, Any], tuple[str, ...]]:
+def _read_csv(path: Path, layout: RecordFormat) -> tuple[dict[str, Any], tuple[str, ...]]:
     import pandas as pd
 
     from ivtools.csv_layout import sniff
 
-    layout = sniff(path)
+    found = sniff(path)
     frame = pd.read_csv(  # no usecols: with it pandas drops the surplus of rows that are too long
         path,
-        sep=layout.separator,
-        decimal=layout.decimal,
-        comment=layout.comment,
-        encoding=layout.encoding,
+        sep=found.separator,
+        decimal=found.decimal,
+        comment=found.comment,
+        encoding=found.encoding,
         header=None,
-        names=range(len(layout.names)),
-        skiprows=layout.first_row,
+        names=range(len(found.names)),
+        skiprows=found.first_row,
         index_col=False,
         skipinitialspace=True,
         low_memory=False,
     )
-    return frame_table(frame.rename(columns=dict(enumerate(layout.names))), columns), layout.notes
+    return frame_table(frame.rename(columns=dict(enumerate(found.names))), layout), found.notes
 
 
-def _read_parquet(
-    path: Path, columns: Mapping[str, str] | None
-) -> tuple[dict[str, Any], tuple[str, ...]]:
+def _read_parquet(path: Path, layout: RecordFormat) -> tuple[dict[str, Any], tuple[str, ...]]:
     import pandas as pd
 
-    return frame_table(pd.read_parquet(path), columns), ()
+    return frame_table(pd.read_parquet(path), layout), ()
 
 
-def _read_mat(
-    path: Path, columns: Mapping[str, str] | None
-) -> tuple[dict[str, Any], tuple[str, ...]]:
+def _read_mat(path: Path, layout: RecordFormat) -> tuple[dict[str, Any], tuple[str, ...]]:
     from scipy.io import loadmat
 
     try:
@@ -154,8 +150,8 @@ def _read_mat(
     emps = {ours: theirs for ours, theirs in EMPS.items() if theirs in table}
     if len(emps) < 3 or "q" in table:
         return table, ()
-    ours = {**emps, **(columns or {})}
-    named = {*(columns or {}).values()}
+    ours = {**emps, **layout.columns}
+    named = {*layout.columns.values()}
     rest = {k: v for k, v in table.items() if k not in emps.values() or k in named}
     return {**rest, **{k: table[v] for k, v in emps.items() if ours[k] == v}}, ("EMPS file",)
 
@@ -166,9 +162,4 @@ def _vector(values: Any) -> Any:
     return values.ravel() if is_vector else values
 
 
-_READERS = {
-    ".csv": _read_csv,
-    ".csv.gz": _read_csv,
-    ".parquet": _read_parquet,
-    ".mat": _read_mat,
-}
+_READERS = {".parquet": _read_parquet, ".mat": _read_mat}  # and the rest is text

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ivtools import checks
-from ivtools.columns import SIGNALS, column_name, pick_further, pick_signals
+from ivtools.clock import regular
+from ivtools.columns import SIGNALS, column_name, match_columns, pick_further, stack
 from ivtools.errors import IVToolsError, RecordError, RecordWarning, ShapeError
+from ivtools.record_format import RecordFormat, as_format
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,6 +50,8 @@ class Record:
         Measured velocity as the controller saw it, m/s or rad/s.
     dq_ref : array_like, optional
         Velocity reference, m/s or rad/s.
+    load : array_like, optional
+        Known force from outside on the mechanics, not through the drive, N or N m.
     name : str
         Name used in tables and figures.
     theta_true : mapping of str to float, optional
@@ -90,6 +94,7 @@ class Record:
     added: NDArray[np.float64] | None = None
     dq: NDArray[np.float64] | None = None
     dq_ref: NDArray[np.float64] | None = None
+    load: NDArray[np.float64] | None = None
     name: str = "record"
     theta_true: Mapping[str, float] | None = None
     notes: tuple[str, ...] = ()
@@ -151,15 +156,18 @@ class Record:
 
     # -- where it comes from and goes to ----------------------------------------------------------
     @classmethod
-    def read(cls, path: str | Path, columns: Mapping[str, str] | None = None) -> Record:
+    def read(
+        cls, path: str | Path, columns: Mapping[str, str] | RecordFormat | None = None
+    ) -> Record:
         """Read a csv, csv.gz, parquet or MATLAB file.
 
         Parameters
         ----------
         path : str or Path
             File with one row per sample; the columns of the EMPS files are recognised.
-        columns : mapping of str to str, optional
-            Names in the file that differ from ours: ``{"q": "position", "nu": "u"}``.
+        columns : mapping of str to str, or RecordFormat, optional
+            Names in the file that differ from ours: ``{"q": "position", "nu": "u"}``; a format
+            says units, rate and gaps as well.
 
         Returns
         -------
@@ -177,25 +185,28 @@ class Record:
 
         path = Path(path)
         try:
-            table, notes = read_table(path, columns)
+            table, notes = read_table(path, as_format(columns))
             return cls.from_dict(table, columns, name=path.name.split(".")[0], notes=notes)
         except IVToolsError as error:
             raise type(error)(f"{path}: {error}") from error
 
     @classmethod
     def from_frame(
-        cls, frame: pd.DataFrame, columns: Mapping[str, str] | None = None, name: str = "record"
+        cls,
+        frame: pd.DataFrame,
+        columns: Mapping[str, str] | RecordFormat | None = None,
+        name: str = "record",
     ) -> Record:
         """Make a record of a DataFrame with one row per sample; ``columns`` as for `read`."""
         from ivtools.readers import frame_table
 
-        return cls.from_dict(frame_table(frame, columns), columns, name=name)
+        return cls.from_dict(frame_table(frame, as_format(columns)), columns, name=name)
 
     @classmethod
     def from_dict(
         cls,
         table: Mapping[str, ArrayLike],
-        columns: Mapping[str, str] | None = None,
+        columns: Mapping[str, str] | RecordFormat | None = None,
         name: str = "record",
         notes: tuple[str, ...] = (),
     ) -> Record:
@@ -208,8 +219,13 @@ class Record:
         >>> Record.from_dict({"t": t, "x": np.sin(t), "nu": np.cos(t)}, columns={"q": "x"}).n_joints
         1
         """
-        signals = pick_signals(table, columns)
-        further = pick_further(table, columns, len(np.ravel(signals["t"])))
+        layout, columns_ = as_format(columns), {str(k): x for k, x in table.items()}
+        found = match_columns(columns_, layout.columns, layout.units, timed=layout.rate is None)
+        signals: dict[str, Any] = _in_si(columns_, found, layout)
+        further = pick_further(columns_, found, len(np.ravel(signals.get("t", signals["q"]))))
+        if not layout.plain:
+            signals, further, done = _on_a_clock(signals, further, layout)
+            notes = (*notes, *layout.notes, *done)
         return cls(**signals, name=name, notes=notes, extra=further)
 
     def to_frame(self) -> pd.DataFrame:
@@ -248,6 +264,39 @@ class Record:
         table = self.to_frame().describe().loc[["min", "max", "mean", "std"]].T
         notes = "".join(f"<br>{escape(note)}" for note in self.notes)
         return f"<p>{escape(repr(self))}{notes}</p>{table.to_html(float_format='{:.6g}'.format)}"
+
+
+def _in_si(
+    table: Mapping[str, ArrayLike], found: Mapping[str, list[str]], layout: RecordFormat
+) -> dict[str, ArrayLike]:
+    """Return the signals of a table by our names, joints side by side, in SI."""
+    signals: dict[str, ArrayLike] = {}
+    for signal, names in found.items():
+        values = stack(table, names)
+        keys = [column_name(signal, joint, len(names)) for joint in range(len(names))]
+        factors = np.array([layout.factor(key) for key in keys])
+        changed = bool((factors != 1.0).any())
+        signals[signal] = _frozen_array(signal, values) * factors if changed else values
+    return signals
+
+
+def _on_a_clock(
+    signals: Mapping[str, Any], further: Mapping[str, Any], layout: RecordFormat
+) -> tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]:
+    """Return signals and further columns on the steady clock that the format asks for."""
+    arrays = {key: _frozen_array(key, values) for key, values in signals.items()}
+    if len({len(x) for x in arrays.values()}) > 1:  # which the record itself says better
+        return dict(signals), dict(further), ()
+    stamps = arrays.pop("t", None)
+    t, moved, done = regular(
+        None if stamps is None else stamps[:, 0],
+        {**{(key, ""): x for key, x in arrays.items()}, **{("", k): x for k, x in further.items()}},
+        layout.rate,
+        layout.resample,
+        layout.gaps,
+    )
+    own = {key: x for (key, other), x in moved.items() if not other}
+    return {"t": t, **own}, {k: x for (_, k), x in moved.items() if k}, done
 
 
 def _set(record: Record, name: str, value: object) -> None:

@@ -15,7 +15,9 @@ ROOT = Path(ivtools.__file__).parent
 #: Rooms from left to right. A room imports rooms to its left, and nothing beside it.
 ORDER = [
     ("errors",),
-    ("columns", "csv_layout", "registry", "tables", "workers"),
+    ("csv_layout", "registry", "tables", "units", "workers"),
+    ("columns", "clock"),
+    ("record_format",),
     ("checks", "display", "readers"),
     ("record", "linalg", "pipeline"),
     ("datasets", "physics"),

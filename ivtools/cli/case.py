@@ -45,7 +45,7 @@ def load(
     from ivtools.gap.preflight import doubts
 
     loop = load_axis(axis or own_axis(record))
-    found = datasets.load(record, data, None if record in datasets.REGISTRY else loop.columns)
+    found = datasets.load(record, data, loop.log)
     loop = loop.known(found) if known else loop
     for doubt in doubts(found, loop):
         warnings.warn(f"{found.name}: {doubt}", RecordWarning, stacklevel=2)

@@ -65,8 +65,7 @@ def compare(
     measured, loop = load(record, axis, data)
     other = None
     if holdout is not None:
-        columns = None if holdout in datasets.REGISTRY else loop.columns
-        other = datasets.load(holdout, data, columns)
+        other = datasets.load(holdout, data, loop.log)
     fits = _fit(estimators, measured, loop, friction)
     if not fits.done:
         if fits.interrupted:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ivtools.loop import ClosedLoop
     from ivtools.record import Record
 
-SUFFIXES = (".csv", ".csv.gz", ".parquet", ".mat")  # of the records of a folder
+FOLDERS = (".csv", ".csv.gz", ".parquet", ".mat")  # of the records of a folder; text may be more
 
 
 def diagnose(
@@ -100,7 +100,7 @@ def _one(
 def _holdout(name: str, data: Path | None, loop: ClosedLoop) -> Record:
     from ivtools import datasets
 
-    return datasets.load(name, data, None if name in datasets.REGISTRY else loop.columns)
+    return datasets.load(name, data, loop.log)
 
 
 def _loop(axis: str | None, names: list[str]) -> ClosedLoop:
@@ -138,8 +138,8 @@ def _expanded(records: list[str]) -> tuple[list[str], bool]:
     several = len(records) > 1
     for given in records:
         if Path(given).is_dir():
-            found = sorted(str(f) for f in Path(given).iterdir() if f.name.endswith(SUFFIXES))
-            several, rule = True, f"a folder of records holds {', '.join(SUFFIXES)} files"
+            found = sorted(str(f) for f in Path(given).iterdir() if f.name.endswith(FOLDERS))
+            several, rule = True, f"a folder of records holds {', '.join(FOLDERS)} files"
         elif glob.has_magic(given) and not Path(given).exists():
             found, rule = sorted(glob.glob(given)), "name a file, or another pattern"
         else:

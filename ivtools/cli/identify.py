@@ -79,7 +79,6 @@ def _drive_gain(
     from ivtools import datasets
     from ivtools.estimators.drive_gain import drive_gain
 
-    columns = None if payload in datasets.REGISTRY else unloaded.loop.columns
-    loaded = replace(unloaded, record=datasets.load(str(payload), data, columns))
+    loaded = replace(unloaded, record=datasets.load(str(payload), data, unloaded.loop.log))
     own = None if estimator.key == "idim-ls" else estimator
     return drive_gain(unloaded, loaded, mass, estimator=own)

@@ -6,24 +6,29 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..columns import SIGNALS
-from ..errors import AxisError
+from ..columns import SIGNALS, UNITS
+from ..errors import AxisError, IVToolsError
 from ..physics import TERMS
+from ..record_format import RecordFormat, signal_of
+from ..units import parse
 from .closed_loop import ClosedLoop
 from .controllers import KINDS, Controller
 
 _TABLES: dict[str, tuple[str, ...]] = {
     "axis": ("name", "joint"),
-    "record": ("columns",),
+    "record": tuple(f.name for f in fields(RecordFormat)),
     "controller": ("kind", "velocity_filter", "delay", "limit"),
     "drive": ("gain", "delay"),
     "model": ("terms", "start"),
 }
+#: What a number alone in these keys is for.
+_RELATIVE = {"rated": ("%",), "counts_per_unit": ("counts", "counts/s")}
 _REQUIRED = {"controller": ("kind",), "drive": ("gain",)}
 _SETTINGS = {key for kind in KINDS.values() for key in kind.needs}
 
@@ -59,21 +64,16 @@ def from_tables(tables: Mapping[str, Any]) -> ClosedLoop:
     if not (isinstance(terms, list) and terms and all(isinstance(t, str) for t in terms)):
         raise AxisError(f"[model] terms = {terms!r}; give a list of term names")
     start = _mapping("model.start", model.get("start", {}))
-    columns = _mapping("record.columns", tables.get("record", {}).get("columns", {}))
-    for key in columns:
-        if key.rstrip("0123456789") not in ("t", *SIGNALS):
-            raise AxisError(
-                f"[record.columns] {key!r} is not a signal; known: t, {', '.join(SIGNALS)}"
-            )
+    joint = _text("axis", "joint", axis.get("joint", "prismatic"))
     return ClosedLoop(
         controller=_controller(tables["controller"]),
         gain=_number("drive", "gain", drive["gain"]),
         terms=tuple(terms),
         name=_text("axis", "name", axis.get("name", "axis")),
-        joint=_text("axis", "joint", axis.get("joint", "prismatic")),
+        joint=joint,
         delay=_number("drive", "delay", drive.get("delay", 0.0)),
         start={key: _number("model.start", key, value) for key, value in start.items()},
-        columns={key: _text("record.columns", key, value) for key, value in columns.items()},
+        log=_log(tables.get("record", {}), joint),
     )
 
 
@@ -113,6 +113,58 @@ def _controller(table: Mapping[str, Any]) -> Controller:
     )
 
 
+def _log(table: Mapping[str, Any], joint: str) -> RecordFormat:
+    """Return what the [record] table says about files."""
+    columns = {k: _text("record.columns", k, v) for k, v in _inner(table, "columns").items()}
+    for key in columns:
+        if signal_of(key) not in ("t", *SIGNALS):
+            raise AxisError(
+                f"[record.columns] {key!r} is not a signal; known: t, {', '.join(SIGNALS)}"
+            )
+    units = {k: _text("record.units", k, v) for k, v in _inner(table, "units").items()}
+    scales = {
+        name: _per_signal(name, table[name], units)
+        for name in ("rated", "counts_per_unit")
+        if name in table
+    }
+    rest = {k: v for k, v in table.items() if k in ("torque_constant", "rate")}
+    numbers = {k: _number("record", k, v) for k, v in rest.items()}
+    resample = table.get("resample", False)
+    if not isinstance(resample, bool):
+        raise AxisError(f"[record] resample = {resample!r}; it is true or false")
+    gaps = _text("record", "gaps", table.get("gaps", "refuse"))
+    try:
+        log = RecordFormat(columns, units, **scales, **numbers, resample=resample, gaps=gaps)  # type: ignore[arg-type]
+    except IVToolsError as error:
+        raise AxisError(str(error)) from error
+    _check_joint(log, joint)
+    return log
+
+
+def _inner(table: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    return _mapping(f"record.{name}", table.get(name, {}))
+
+
+def _per_signal(name: str, value: Any, units: Mapping[str, str]) -> Mapping[str, float]:
+    """Return a number of each signal; one alone is that of every signal in such units."""
+    if isinstance(value, Mapping):
+        return {key: _number(f"record.{name}", key, number) for key, number in value.items()}
+    number = _number("record", name, value)
+    return {key: number for key, unit in units.items() if parse(unit).si in _RELATIVE[name]}
+
+
+def _check_joint(log: RecordFormat, joint: str) -> None:
+    """Refuse units of an angle on a prismatic joint, and of a length on a revolute one."""
+    wrong = "rad" if joint == "prismatic" else "m"
+    for key, unit in log.units.items():
+        if parse(unit).si.split("/")[0] == wrong and signal_of(key) in UNITS:
+            other = "revolute" if wrong == "rad" else "prismatic"
+            raise AxisError(
+                f'[record] units = {{ {key} = "{unit}" }} and [axis] joint = "{joint}" do not fit; '
+                f'write joint = "{other}", or another unit'
+            )
+
+
 def _mapping(name: str, value: Any) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise AxisError(f"[{name}] is {value!r}; it is a table of keys and values")
@@ -149,7 +201,7 @@ def write(loop: ClosedLoop) -> str:
     }
     tables: dict[str, Mapping[str, Any]] = {
         "axis": {"name": loop.name, "joint": loop.joint},
-        "record.columns": loop.columns,
+        "record": loop.log.to_dict(),
         "controller": settings,
         "drive": {"gain": loop.gain, "delay": loop.delay},
         "model": {"terms": [term.name for term in loop.terms]},
@@ -167,6 +219,10 @@ def write(loop: ClosedLoop) -> str:
 def _toml(value: Any) -> str:
     if isinstance(value, str):
         return _quoted(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{_key(k)} = {_toml(v)}' for k, v in value.items())} }}"
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     return repr(value) if isinstance(value, int) else repr(float(value))

@@ -15,6 +15,7 @@ from ..errors import AxisError, RecordError
 from ..physics import TERMS, Term, find
 from ..pipeline import Pipeline
 from ..record import Record
+from ..record_format import RecordFormat
 from .controllers import Controller
 from .model import Array, Model, Theta
 from .simulation import Simulation
@@ -47,8 +48,8 @@ class ClosedLoop(Model):
         Delay of the drive, from the recorded command to the force, s.
     start : mapping
         Starting values of parameters, and values of shape parameters, by full name.
-    columns : mapping
-        Names of the columns of a record file, ``{"q": "position"}``.
+    log : RecordFormat
+        How the columns of a record file become signals: their names, units and rate.
     notes : tuple of str
         What to say with every result, such as where the controller comes from.
 
@@ -74,7 +75,7 @@ class ClosedLoop(Model):
     joint: str = "prismatic"
     delay: float = 0.0
     start: Mapping[str, float] = field(default_factory=dict)
-    columns: Mapping[str, str] = field(default_factory=dict)
+    log: RecordFormat = field(default_factory=RecordFormat)
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -168,6 +169,11 @@ class ClosedLoop(Model):
                 raise AxisError(f"{term.name} has no parameter {key!r}; it has {', '.join(names)}")
         start = {**self.start, **{names[k]: float(v) for k, v in values.items()}}
         return replace(self, terms=(*self.terms, term), start=start)
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """Names of the columns of a record file, ours = theirs."""
+        return self.log.columns
 
     # --- signals ------------------------------------------------------------------------------
 

@@ -99,11 +99,10 @@ def diagnose_fleet(
     if shelf is not None:
         shelf.open()
     settings = {"rules": rules, "extra": tuple(extra), "without": tuple(without)}
-    columns = tuple(sorted(loop.columns.items()))
-    given = sources(records, columns, data)
+    given = sources(records, loop.log, data)
     if not given:
         raise IVToolsError("there is no record to diagnose; give files, data sets or records")
-    judge = None if holdout is None else sources([holdout], columns, data)[0]
+    judge = None if holdout is None else sources([holdout], loop.log, data)[0]
     entries, jobs = _planned(given, judge, shelf, loop, settings)
     clock = Clock(len(jobs), progress)
     try:

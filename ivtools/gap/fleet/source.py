@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from ... import datasets
 from ...digest import digest
 from ...errors import DataError
 from ...record import Record
+from ...record_format import RecordFormat
 
 Given = Record | str | Path
 
@@ -26,15 +27,15 @@ class Source:
         Unlike that of any other source; fit for a file name.
     given : Record, str or Path
         The record, its file, or the name of a data set.
-    columns : tuple
-        Foreign names of its columns.
+    log : RecordFormat
+        How its file is read.
     data : str or Path, optional
         Folder of the registered data sets.
     """
 
     name: str
     given: Given
-    columns: tuple[tuple[str, str], ...] = ()
+    log: RecordFormat = RecordFormat()
     data: str | Path | None = None
 
     @property
@@ -56,8 +57,7 @@ class Source:
         """
         if isinstance(self.given, Record):
             return self.given
-        columns = None if self._registered else dict(self.columns)
-        return datasets.load(self.text, self.data, columns)
+        return datasets.load(self.text, self.data, self.log)
 
     def digest(self) -> str:
         """Return a digest of the content: of the file's bytes, or of the record's arrays.
@@ -72,7 +72,7 @@ class Source:
             return digest(record.t, record.signals, record.extra)
         try:
             with open(self.given, "rb") as file:
-                return digest(hashlib.file_digest(file, "sha256").hexdigest(), self.columns)
+                return digest(hashlib.file_digest(file, "sha256").hexdigest(), self.log.to_dict())
         except OSError as error:
             reason = error.strerror or type(error).__name__
             raise DataError(f"{self.given}: {reason}; give a record file") from error
@@ -80,7 +80,7 @@ class Source:
 
 def sources(
     given: Iterable[Given],
-    columns: Sequence[tuple[str, str]] = (),
+    log: RecordFormat | None = None,
     data: str | Path | None = None,
 ) -> list[Source]:
     """Return the sources of records, each named once; a file that comes twice counts once.
@@ -98,7 +98,7 @@ def sources(
             continue
         seen.add(same)
         name = next(n for n in _names(one) if n.casefold() not in found)
-        found[name.casefold()] = Source(name, one, tuple(columns), data)
+        found[name.casefold()] = Source(name, one, log or RecordFormat(), data)
     return list(found.values())
 
 
