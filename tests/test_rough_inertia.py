@@ -7,6 +7,7 @@ import pytest
 
 from ivtools import Problem
 from ivtools.errors import AxisError
+from ivtools.gap.preflight import doubts
 from ivtools.loop import ClosedLoop
 from ivtools.loop.controllers import Controller
 from ivtools.loop.rough_inertia import rough_inertia, shown_inertia, start_values
@@ -102,6 +103,7 @@ def assert_right(ratios: np.ndarray, share: float) -> None:
 @pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
 def test_no_force_over_the_position_upsets_the_guess():
     drawn = [axis(seed) for seed in range(N_FAST)]
+    assert not any(doubts(a.record, a.loop) for a in drawn)
     assert_right(np.array([rough_inertia(a.loop, a.record) / a.inertia for a in drawn]), 0.9)
 
 
@@ -109,6 +111,7 @@ def test_no_force_over_the_position_upsets_the_guess():
 @pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
 def test_nowhere_in_a_large_population():
     drawn = [axis(seed) for seed in range(N_ALL)]
+    assert not any(doubts(a.record, a.loop) for a in drawn)
     assert_right(np.array([rough_inertia(a.loop, a.record) / a.inertia for a in drawn]), 0.97)
 
 
@@ -120,6 +123,16 @@ def test_a_wrong_sign_is_told(seed):
     assert shown_inertia(a.loop, turned)[1].negative
     with pytest.raises(AxisError, match="sign of the command"):
         rough_inertia(a.loop, turned)
+
+
+@pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
+@pytest.mark.parametrize("size", [0.0, 300.0])
+def test_a_compensation_of_gravity_is_no_wrong_sign(size):
+    """Though the command is next to nothing but that compensation, and a wrong sign is told."""
+    a = next(a for a in map(axis, range(20)) if a.loop.joint == "revolute")
+    force = size * np.std(a.record.nu) * np.cos(a.record.q)
+    assert doubts(a.record.replace(nu=a.record.nu + force), a.loop) == ()
+    assert "opposite sign" in doubts(a.record.replace(nu=force - a.record.nu), a.loop)[0]
 
 
 @pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..errors import IVToolsError, RecordError
 from ..loop import ClosedLoop, Controller
+from ..loop.rough_inertia import beside_position, shown_inertia
 from ..record import Record
 from .fit import Fit
 from .fold import usable
@@ -219,9 +220,9 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
 
 def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     """Look at the sign and size of the inertia that the record itself suggests."""
-    inertia = rough_inertia(record, loop)
-    unit = "kg" if loop.joint == "prismatic" else "kg m2"
-    if inertia <= 0.0:
+    shown = shown_inertia(loop, record)[1]
+    inertia, unit = shown.inertia, "kg" if loop.joint == "prismatic" else "kg m2"
+    if shown.negative:
         return [
             Finding(
                 f"the record suggests an inertia of {inertia:.3g} {unit}: the force does not "
@@ -229,7 +230,7 @@ def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
             )
         ]
     start = loop.start.get("inertia")
-    if start and not INERTIA_RANGE[0] < inertia / start < INERTIA_RANGE[1]:
+    if start and shown.clear and not INERTIA_RANGE[0] < inertia / start < INERTIA_RANGE[1]:
         return [
             Finding(
                 f"the record suggests an inertia of {inertia:.3g} {unit}, the axis file starts "
@@ -237,21 +238,6 @@ def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
             )
         ]
     return []
-
-
-def rough_inertia(record: Record, loop: ClosedLoop) -> float:
-    """Return the inertia of a plain least-squares fit along the smoothed measured motion."""
-    width = max(round(0.01 / record.dt), 3)
-    kernel = np.hanning(2 * width + 3)
-    kernel /= kernel.sum()
-    q = np.convolve(record.q[:, 0], kernel, mode="same")
-    dq = np.gradient(q, record.dt)
-    ddq = np.gradient(dq, record.dt)
-    tau = np.convolve(loop.force(record)[:, 0], kernel, mode="same")
-    inner = slice(4 * width, -4 * width)
-    X = np.column_stack([ddq, dq, np.sign(dq), np.ones(len(q))])[inner]
-    scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    return float((np.linalg.lstsq(X / scale, tau[inner], rcond=None)[0] / scale)[0])
 
 
 def overlap(record: Record, holdout: Record) -> list[Finding]:
@@ -401,7 +387,8 @@ def doubts(record: Record, loop: ClosedLoop) -> tuple[str, ...]:
     """Return what is absurd about a record on this axis, one line each.
 
     The control law of the axis file, fed with the recorded positions, is compared with the
-    recorded command: a position in millimetres makes it a thousand times too large.
+    recorded command: a position in millimetres makes it a thousand times too large. What depends
+    on the position is left out of both, for a compensation of gravity may be all of the command.
 
     Parameters
     ----------
@@ -450,4 +437,8 @@ def _commands(record: Record, loop: ClosedLoop) -> tuple[Array, Array] | None:
     expected = expected[: len(expected) - delay]
     recorded = (signals.command - signals.added)[delay:]
     usable = np.isfinite(expected).all() and np.ptp(recorded) > 0.0 and np.ptp(expected) > 0.0
-    return (expected, recorded) if usable else None
+    if not usable:
+        return None
+    commands = np.column_stack([expected, recorded])
+    left = beside_position(commands, record.q[delay:, 0], loop.joint)
+    return (left[:, 0], left[:, 1]) if np.ptp(left, axis=0).all() else None

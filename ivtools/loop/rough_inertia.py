@@ -53,6 +53,11 @@ class Shown(NamedTuple):
         return self.inertia / self.std_error if self.std_error > 0.0 else 0.0
 
     @property
+    def clear(self) -> bool:
+        """Whether it is certainly not 0."""
+        return abs(self.t) > _CLEAR
+
+    @property
     def negative(self) -> bool:
         """Whether the force certainly pushes against the acceleration."""
         return self.t < -_SURE
@@ -103,13 +108,36 @@ def start_values(X: Array, y: Array, positions: Array) -> Array:
     """
     size = np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)
     U = _basis(positions)
-    own = X / size - U @ (U.T @ (X / size))  # (N, p)
+    own = _beside(U, X / size)  # (N, p)
     moves = np.linalg.norm(own, axis=0) > _WITHIN
     theta = np.zeros(X.shape[1])
-    theta[moves] = np.linalg.lstsq(own[:, moves], y - U @ (U.T @ y), rcond=_NOTHING)[0]
+    theta[moves] = np.linalg.lstsq(own[:, moves], _beside(U, y), rcond=_NOTHING)[0]
     left = y - X / size @ theta
     theta[~moves] = np.linalg.lstsq((X / size)[:, ~moves], left, rcond=_NOTHING)[0]
     return theta / size
+
+
+def beside_position(signals: Array, q: Array, joint: str) -> Array:
+    """Return what no force over the position explains of signals, (n_samples, k).
+
+    Parameters
+    ----------
+    signals : (n_samples, k) ndarray
+    q, joint
+        As for `position_columns`.
+
+    Examples
+    --------
+    >>> q = np.linspace(0.0, 1.0, 9)
+    >>> bool(np.allclose(beside_position(2.0 * q[:, None] ** 3, q, "prismatic"), 0.0))
+    True
+    """
+    return _beside(_basis(position_columns(q, joint)), signals)
+
+
+def _beside(basis: Array, columns: Array) -> Array:
+    """Return columns without their part in the span of an orthonormal basis."""
+    return columns - basis @ (basis.T @ columns)
 
 
 def _basis(columns: Array) -> Array:
@@ -145,7 +173,7 @@ def rough_inertia(loop: ClosedLoop, record: Record) -> float:
         )
     if plain.inertia > 0.0 and abs(plain.inertia - free.inertia) < _AGREE * free.std_error:
         return plain.inertia
-    return free.inertia if free.t > _CLEAR else _by_size(loop, record)
+    return free.inertia if free.clear and free.inertia > 0.0 else _by_size(loop, record)
 
 
 def shown_inertia(loop: ClosedLoop, record: Record) -> tuple[Shown, Shown]:
@@ -189,7 +217,7 @@ def _regressed(rows: Array) -> Shown:
     if len(rows) < _FEWEST + rows.shape[1] or not size[:2].all():
         return Shown()
     U = _basis(rows[:, 2:])
-    y, x = (rows[:, :2] - U @ (U.T @ rows[:, :2])).T
+    y, x = _beside(U, rows[:, :2]).T
     if not np.linalg.norm(x) > _NOTHING * size[1]:
         return Shown()
     inertia = float(x @ y / (x @ x))
