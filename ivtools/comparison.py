@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from ivtools.display import Displayed
+from ivtools.display import Displayed, plain
 from ivtools.errors import IVToolsError
-from ivtools.tables import WIDTH, Text, table
+from ivtools.recommendation import Recommendation, recommend
+from ivtools.tables import WIDTH, Text, rounded, table
 from ivtools.transfer_table import TransferTable
 
 if TYPE_CHECKING:
@@ -56,23 +59,63 @@ class Comparison(Displayed):
     notes: tuple[str, ...] = ()
     functions: TransferTable | None = None
 
+    @cached_property
+    def recommendation(self) -> Recommendation | None:
+        """Which result to take, and why; None if there are only transfer functions."""
+        labels = list(self.frame.columns)
+        return recommend(labels, self.results, [self._column(label) for label in labels])
+
+    @property
+    def best(self) -> FitResults | None:
+        """The result that is recommended."""
+        chosen = self.recommendation
+        pairs = zip(self.frame.columns, self.results, strict=True)
+        return next((fit for label, fit in pairs if chosen and label == chosen.label), None)
+
     def summary(self) -> Text:
         """Return tables of at most 80 columns, in blocks if there are many results."""
-        parts = self._blocks() if self.results else []
+        parts = list(self._blocks()) if self.results else []
         if self.functions is not None:
             parts.append(self.functions.summary())
         return Text("\n\n".join(parts), "".join(part.html for part in parts))
 
-    def _blocks(self) -> list[Text]:
-        """Return the table of the parameters, block by block."""
-        labels = list(self.frame.columns)
-        wide = max(18, *(len(label) for label in labels)) + 2
+    def _blocks(self) -> Iterator[Text]:
+        """Yield the tables of the parameters: one per model, or more if it has many results."""
+        wide = max(18, *(len(label) for label in self._headers.values())) + 2
         per_block = max(1, (WIDTH - 24) // wide)
-        blocks = [labels[i : i + per_block] for i in range(0, len(labels), per_block)]
-        notes = ["standard errors in parentheses", *self._other_signals(), *self.notes]
+        models = [list(group) for _, group in groupby(self._headers, key=self._model)]
+        blocks = [
+            (_title(self._model(labels[0]), len(models) > 1, k, -(-len(labels) // per_block)),
+             labels[k * per_block : (k + 1) * per_block])
+            for labels in models
+            for k in range(-(-len(labels) // per_block))
+        ]  # fmt: skip
+        for title, block in blocks:
+            header = ["", *(self._headers[label] for label in block)]
+            notes = self._notes() if block is blocks[-1][1] else []
+            yield table(title, [], header, self._rows(block), notes)
+
+    def _model(self, label: str) -> str:
+        """Return the friction model of a result in words."""
+        return model_of(dict(zip(self.frame.columns, self.results, strict=True))[label])
+
+    @property
+    def _headers(self) -> dict[str, str]:
+        """Return the label of each result as the table shows it: marked if it is no estimate."""
+        return {
+            label: label + " !" * (not fit.converged)
+            for label, fit in zip(self.frame.columns, self.results, strict=True)
+        }
+
+    def _notes(self) -> list[str]:
+        """Return what stands under the last table; the recommendation ends it."""
+        lost = not all(fit.converged for fit in self.results)
         return [
-            table("Comparison", [], ["", *block], self._rows(block), notes * (block is blocks[-1]))
-            for block in blocks
+            "standard errors in parentheses",
+            *["! has not converged: values where it stopped, without standard errors"][: int(lost)],
+            *self._other_signals(),
+            *self.notes,
+            *([str(self.recommendation)] if self.recommendation else []),
         ]
 
     def _marks(self) -> dict[str, str]:
@@ -106,7 +149,7 @@ class Comparison(Displayed):
         direct = ("relative_error", "direct")
         return [
             [
-                LABELS.get(key, key[1]),
+                LABELS.get(key) or self._with_unit(key[1]),
                 *(
                     _cell(column, key) + (marks.get(label, "") if key == direct else "")
                     for label, column in zip(labels, columns, strict=True)
@@ -114,6 +157,12 @@ class Comparison(Displayed):
             ]
             for key in shown
         ]
+
+    def _with_unit(self, name: str) -> str:
+        """Write a parameter with its unit, such as ``inertia, kg``."""
+        known = (dict(zip(fit.names, fit.units, strict=False)) for fit in self.results)
+        unit = next((units[name] for units in known if units.get(name)), "")
+        return f"{name}, {unit}" if unit else name
 
     def plot(self, **options: Any) -> Figure:
         """Draw the parameters with their intervals side by side, or else a transfer function."""
@@ -124,12 +173,17 @@ class Comparison(Displayed):
         return plots.parameters(self.results, **options)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content as plain objects, ready for JSON; a missing figure is None."""
+        """Return the content as plain objects, ready for JSON; a missing figure is None.
+
+        What is recommended says why in ``recommended``; the others have None there.
+        """
         out: dict[str, Any] = {}
-        for label in self.frame.columns:
-            groups: dict[str, dict[str, float | None]] = {}
+        chosen = self.recommendation
+        for label, fit in zip(self.frame.columns, self.results, strict=True):
+            why = chosen.reason if chosen and chosen.label == label else None
+            groups: dict[str, Any] = {"converged": bool(fit.converged), "recommended": why}
             for (group, quantity), value in self._column(label).items():
-                groups.setdefault(group, {})[quantity] = value if np.isfinite(value) else None
+                groups.setdefault(group, {})[quantity] = plain(value)
             out[label] = groups
         if self.functions is not None:
             out["transfer_functions"] = self.functions.to_dict()
@@ -205,7 +259,7 @@ def _figures(
     if fit.problem is not None:
         cases = {"simulated": fit.problem}
         if holdout is not None:
-            cases["simulated-holdout"] = replace(fit.problem, record=holdout)
+            cases["simulated-holdout"] = fit.problem_of(holdout)
             test = fit.cross_test(cases["simulated-holdout"])
             figures["relative_error", "cross-test"] = test.relative
         for group, problem in cases.items() if simulate else ():
@@ -222,7 +276,7 @@ def _simulated_errors(
 ) -> dict[str, float]:
     """Simulate the closed loop; a simulation that fails is a note, not an end."""
     try:
-        simulation = problem.simulate(fit.params.to_numpy())
+        simulation = problem.simulate(fit.params)
         return simulation.relative_error(problem.record, problem.pipeline)
     except IVToolsError as error:
         notes.append(f"{what}: {error}")
@@ -231,21 +285,46 @@ def _simulated_errors(
 
 def labels_of(results: Sequence[FitResults]) -> list[str]:
     """Return one label per result: the method, with its friction model where models differ."""
-    mixed = len({"viscous_pos" in fit.names for fit in results}) > 1
+    mixed = len({fit.names for fit in results}) > 1
     seen: dict[str, int] = {}
     labels = []
     for fit in results:
-        label = fit.method + " asym." * (mixed and "viscous_pos" in fit.names)
+        label = f"{fit.method} {_short(fit) if mixed else ''}".rstrip()
         seen[label] = count = seen.get(label, 0) + 1
         labels.append(label if count == 1 else f"{label} #{count}")
     return labels
 
 
+def model_of(fit: FitResults) -> str:
+    """Return the friction model of a result in words, such as ``asymmetric friction, stribeck``."""
+    kind = "asymmetric" if "viscous_pos" in fit.names else "symmetric"
+    return ", ".join([f"{kind} friction", *_more(fit)])
+
+
+def _short(fit: FitResults) -> str:
+    """Return the model for a label: nothing for the plain symmetric one."""
+    return " ".join([*["asym."] * ("viscous_pos" in fit.names), *(f"+{m}" for m in _more(fit))])
+
+
+def _more(fit: FitResults) -> list[str]:
+    """Return the terms beside inertia, friction by direction and offset."""
+    plain_terms = ("inertia", "offset", "viscous", "coulomb")
+    terms = (name.split(".")[0] for name in fit.names if not name.startswith(plain_terms))
+    return list(dict.fromkeys(terms))
+
+
+def _title(model: str, mixed: bool, block: int, blocks: int) -> str:
+    """Return the title of a table; no two tables of a comparison have the same."""
+    name = f"Comparison, {model}" if mixed else "Comparison"
+    return f"{name} ({block + 1} of {blocks})" if blocks > 1 else name
+
+
 def _cell(column: dict[tuple[str, str], float], key: tuple[str, str]) -> str:
-    """Write one figure, a parameter with its standard error."""
+    """Write one figure, a parameter with its standard error and to the digits of that."""
     value, (group, quantity) = column[key], key
     if not np.isfinite(value):
         return "-"
     if group == "params":
-        return f"{value:.6g} ({column['std_errors', quantity]:.2g})"
+        shown, error = rounded(value, column["std_errors", quantity], digits=2)
+        return f"{shown} ({error})"
     return f"{value:.0f}" if quantity in ("iterations", "simulations") else f"{value:.4g}"

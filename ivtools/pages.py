@@ -156,19 +156,13 @@ def _add_estimates(
     ]
     estimates = replace(comparison, functions=None)
     out.add("Comparison", tables=[estimates.summary()], figures=pictures)
-    test = "cross-test" if holdout is not None else "direct"
-    row = comparison.frame.index.get_loc(("relative_error", test))
-    errors = comparison.frame.to_numpy()[row]
-    if test == "direct":  # an error of the position is no error of the force
-        elsewhere = np.array([fit.signal != "force" for fit in comparison.results])
-        errors = np.where(elsewhere & ~elsewhere.all(), np.nan, errors)
-    best = comparison.results[int(np.nanargmin(errors))]
+    best = comparison.best or comparison.results[0]
     forces = [force_chart(best)]
     if holdout is not None:
         assert best.problem is not None
         other = replace(best.problem, record=holdout)
         forces.append(force_chart(best, "cross-test", f"Hold-out. {FORCE_CAPTION}", problem=other))
-    out.add("Force", f"The result with the smallest {test} error.", figures=forces)
+    out.add("Force", str(comparison.recommendation), figures=forces)
     add_simulation(out, best)
 
 

@@ -27,6 +27,7 @@ ORDER = [
     ("problem",),
     ("estimates", "goodness", "hypothesis"),
     ("results", "transfer_table"),
+    ("recommendation",),
     ("comparison",),
     ("inference", "estimators"),
     ("gap", "study", "leaderboard"),
