@@ -15,8 +15,8 @@ ROOT = Path(ivtools.__file__).parent
 #: Rooms from left to right. A room imports rooms to its left, and nothing beside it.
 ORDER = [
     ("errors",),
-    ("csv_layout", "registry", "tables", "units", "workers"),
-    ("columns", "clock"),
+    ("csv_layout", "files", "registry", "tables", "units", "workers"),
+    ("columns", "clock", "compiled"),
     ("record_format",),
     ("checks", "display", "readers"),
     ("record", "linalg", "pipeline"),

@@ -12,9 +12,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import cont2discrete
+
+from ..compiled import cached
 
 if TYPE_CHECKING:
     from ivtools.loop.controllers import LinearLaw
@@ -195,7 +196,7 @@ def close_loop(
     return _march_loop(*(np.array(a, dtype=float, order="C") for a in arrays), delay)
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _march(A, b, u, start):
     """States (n_samples, n) of x[k+1] = A x[k] + b u[k]."""
     n = b.size
@@ -210,7 +211,7 @@ def _march(A, b, u, start):
     return out
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _march_loop(A, b, c, feed, q_ref, added, taps, a_law, b_law, c_law, d_law, delay):
     """Output and command of a sampled plant under a linear law with states of its own."""
     n, m, samples = b.size, c_law.size, feed.size

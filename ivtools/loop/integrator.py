@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compiled import compiled, inlined
 from ..physics.transmission import contact, contact_margin
-from .compiled import compiled, inlined
 from .mechanics import derive, link_force, load_net, motor_net
 from .steps import glide, glided, one_mass, one_mass_step, phi, runge_kutta, two_masses
 

@@ -9,41 +9,13 @@ model of the loop calls the same `plant_step`, so that both engines are the same
 
 from __future__ import annotations
 
-import hashlib
-from pathlib import Path
-
 import numpy as np
-import platformdirs
-from numba import boolean, config, float64, from_dtype, int64, njit, types, void
+from numba import boolean, float64, from_dtype, int64, types, void
 
+from ..compiled import cached, compiled
 from ..physics.sensor import encoder
-from .compiled import compiled
 from .integrator import drive_delay, plan, plant_step, rigid_step
 from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW
-
-_COMPILED = ("kernel", "integrator", "steps", "mechanics", "compiled")
-
-
-def _cached(*signature):
-    """Compile once per version of the physics, in the user's cache.
-
-    Numba notices a change in the compiled function's own file only; the laws live elsewhere, so
-    the folder's name carries the digest of every compiled one.
-    """
-
-    def decorate(function):
-        here = Path(__file__).parent
-        compiled = [here / f"{name}.py" for name in _COMPILED]
-        sources = [*compiled, *sorted((here.parent / "physics").glob("*.py"))]
-        digest = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()[:12]
-        default = config.CACHE_DIR
-        try:
-            config.CACHE_DIR = default or platformdirs.user_cache_dir(f"ivtools/kernel-{digest}")
-            return njit(*signature, cache=True, nogil=True, error_model="numpy")(function)
-        finally:
-            config.CACHE_DIR = default
-
-    return decorate
 
 
 @compiled
@@ -89,7 +61,7 @@ _VECTOR = types.Array(float64, 1, "C", readonly=True)
 _MATRIX = types.Array(float64, 2, "C", readonly=True)
 
 
-@_cached(
+@cached(
     void(
         float64,
         int64,
@@ -185,7 +157,7 @@ def run(
         out[2, k] = a
 
 
-@_cached()
+@cached()
 def axis_step(x, force, old, new, t, dt, n, p, on, user):
     """Do as `plant_step`, called from Python: compiled when first used, then cached too."""
     return plant_step(x, force, old, new, 0.0, 0.0, t, plan(dt, n, p, on), p, on, user)

@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numba import cfunc, float64, types
 
+from ..compiled import compiled, inlined
 from ..physics import TERMS
 from ..physics.transmission import contact, push
-from .compiled import compiled, inlined
 
 # Parameters and flags travel as records: fields have names, and a record is a bare pointer, where
 # an array would be reference-counted at every call.

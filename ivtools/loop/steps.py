@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..compiled import compiled, inlined
 from ..physics.friction import bristle_deflection, bristle_rate
-from .compiled import compiled, inlined
 from .mechanics import extra_resistance, friction_level, link_force, plain_line, rates
 
 _LATE = 2.0 / 3.0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..compiled import compiled
 from .terms import Parameter, Term
 
 _JANOT = "Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, 2019"
@@ -158,13 +158,13 @@ PRESLIDING = Term(
 )
 
 
-@njit(error_model="numpy")
+@compiled
 def bristle_rate(z: float, v: float, level: float, s0: float) -> float:
     """Return the rate of the mean bristle deflection, m/s; `level` is the Coulomb force, N."""
     return v - s0 * abs(v) * z / level if level > 0.0 else 0.0
 
 
-@njit(error_model="numpy")
+@compiled
 def bristle_deflection(z: float, path: float, level: float, s0: float) -> float:
     """Return the deflection after a path (m, signed) without reversal, m.
 

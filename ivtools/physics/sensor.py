@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..compiled import compiled
 from .terms import Parameter, Term
 from .transmission import PERIOD
 
@@ -45,7 +45,7 @@ DISTURBANCE = Term(
 )
 
 
-@njit(error_model="numpy")
+@compiled
 def encoder(q: float, a: float, b: float, period: float) -> float:
     """Return the position that an eccentric encoder reads, m or rad."""
     return q + a * np.cos(2.0 * np.pi * q / period) + b * np.sin(2.0 * np.pi * q / period)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..compiled import compiled
 from .terms import Parameter, Term
 
 _JANOT = "Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, 2019, equation 1"
@@ -181,7 +181,7 @@ BACKLASH = Term(
 )
 
 
-@njit(error_model="numpy")
+@compiled
 def push(stretch: float, rate: float, side: float, k: float, c: float, gap: float) -> float:
     """Return the force of a spring and damper between two masses that touch on one side, N.
 
@@ -190,7 +190,7 @@ def push(stretch: float, rate: float, side: float, k: float, c: float, gap: floa
     return k * (stretch - 0.5 * side * gap) + c * rate if side != 0.0 else 0.0
 
 
-@njit(error_model="numpy")
+@compiled
 def contact_margin(
     stretch: float, rate: float, side: float, k: float, c: float, gap: float
 ) -> float:
@@ -208,7 +208,7 @@ def contact_margin(
     return -min(beyond, side * push(stretch, rate, side, k, c, gap))
 
 
-@njit(error_model="numpy")
+@compiled
 def contact(stretch: float, rate: float, k: float, c: float, gap: float) -> float:
     """Return the side on which two masses touch, 1 or -1; 0 if they are apart."""
     if gap <= 0.0 or contact_margin(stretch, rate, 0.0, k, c, gap) < 0.0:
