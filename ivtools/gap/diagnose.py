@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,10 +78,34 @@ def diagnose(
     >>> gap.effects
     ('asymmetric-viscous',)
     """
-    with threadpool_limits(1, "blas"):  # many small products: threads of their own only wait
+    with _one_blas_thread():
         return _diagnose(
             record, loop, holdout, rules or Rules(), tuple(extra), tuple(without), progress or _mute
         )
+
+
+_CALM, _RUNNING = Lock(), ExitStack()
+_DEPTH = [0]
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """Give BLAS one thread for as long as any diagnosis of this process runs.
+
+    For many small products, threads of its own only wait, and sums in another order round
+    otherwise. The limit is the process's: the first diagnosis sets it, and the last one lifts it.
+    """
+    with _CALM:
+        if _DEPTH[0] == 0:
+            _RUNNING.enter_context(threadpool_limits(1, "blas"))
+        _DEPTH[0] += 1
+    try:
+        yield
+    finally:
+        with _CALM:
+            _DEPTH[0] -= 1
+            if _DEPTH[0] == 0:
+                _RUNNING.close()
 
 
 def _mute(text: str) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import linalg, signal
 
 from ..loop import Simulation
+from ..physics import EFFECTS
 from ..record import Record
 from . import spatial_lines
 from .fit import Fit
@@ -153,8 +154,9 @@ def _lines(
 ) -> Array:
     """Return waves over position at the strongest periods, plain, by load and by speed."""
     fold = replace(fold, whitener=whitener)
-    found = spatial_lines.search(fold, response, fold.white(rest), simulation, count=1)
-    return waves(simulation, found)
+    white, terms = fold.white(rest), tuple(EFFECTS.values())
+    found = spatial_lines.search(fold, response, white, simulation, terms, count=1)
+    return waves(simulation, terms, found)
 
 
 def _project(columns: Array, fit: Fit, raw: Array, keep: Mask) -> Array:

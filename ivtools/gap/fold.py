@@ -159,11 +159,12 @@ class Side:
         Share of the record that no smooth law of the state explains.
     simulated : dict
         Change of the force error, N or N m, (n_samples,), by effect and starting point: what the
-        screening has simulated once and need not again.
+        screening has simulated once and need not again. Each side has its own, also one made by
+        `replace`: the change is that at its own base parameters, and two threads fill two sides.
     """
 
     fold: Fold
     response: Response
     scales: Scales
     rough: float = 0.0
-    simulated: dict[tuple[object, ...], Array] = field(default_factory=dict)
+    simulated: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False)

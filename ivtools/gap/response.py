@@ -7,7 +7,7 @@ pair of simulations then serves every effect in the screening, and any smooth fo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from ..loop import ClosedLoop, Simulation
+from ..physics import Term
 from ..record import Record
 from .rules import RESPONSE_TIME, SPEED_KNOTS
 
@@ -98,27 +99,34 @@ def features(simulation: Simulation) -> Array:
     return _scaled(columns)
 
 
-def waves(simulation: Simulation, periods: Mapping[str, Sequence[float]]) -> Array:
+def waves(
+    simulation: Simulation, terms: Iterable[Term], periods: Mapping[str, Sequence[float]]
+) -> Array:
     """Return force laws periodic in position, (n_samples, m).
 
     Parameters
     ----------
     simulation : Simulation
         Noise-free motion and force.
+    terms : iterable of Term
+        Effects; waves enter with their weights.
     periods : mapping
-        Spatial periods, m or rad, by the effect that has them: they enter as they are (cogging),
-        times the load (torque ripple), or times the speed squared (encoder eccentricity).
+        Spatial periods, m or rad, by the name of the effect that has them.
     """
     q, dq, tau = simulation.q[:, 0], simulation.dq[:, 0], simulation.tau[:, 0]
-    sizes = {"cogging": np.ones(len(q)), "torque-ripple": tau, "encoder-eccentricity": dq**2}
     return _scaled(
         [
-            sizes[kind] * wave(2.0 * np.pi * q / p)
-            for kind, found in periods.items()
-            for p in found
+            weight(term, dq, tau) * wave(2.0 * np.pi * q / p)
+            for term in terms
+            for p in periods.get(term.name, ())
             for wave in (np.cos, np.sin)
         ]
     )
+
+
+def weight(term: Term, dq: Array, tau: Array) -> Array:
+    """Return what the wave of an effect that is periodic over position is multiplied by."""
+    return np.ones(len(dq)) if term.weight is None else term.weight(dq, tau)
 
 
 def _scaled(columns: list[Array]) -> Array:

@@ -77,7 +77,7 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
     fold, now = fit.fold, fit.fold.simulate(fit.loop, fit.values)
     basis = _orthonormal(fit.J)
     e = fit.e - basis @ (basis.T @ fit.e)
-    lines = spatial_lines.search(fold, side.response, e, now)
+    lines = spatial_lines.search(fold, side.response, e, now, terms)
     found: dict[str, Score] = {}
     for term in terms:
         directions = (
@@ -102,7 +102,7 @@ def _best(term: Term, scores: list[Score]) -> Score:
 
 def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[dict[str, float]]:
     if term.search == "lines":
-        return [{"period": p} for p in lines.get(term.name, lines["cogging"])]
+        return [{"period": p} for p in lines[term.name]]
     if term.search == "either":
         return alternatives(term, scales)
     if term.search == "valleys":  # a glance: the search waits until the effect is in question
@@ -119,9 +119,12 @@ def _direction(
         names = tuple(term.parameters[i].name for i in linear)
         forces = np.column_stack([_law(term, i, shape, now) for i in linear or [-1]])
         return _Direction(term, shape, names, side.fold.answers(forces))
-    if term.name == "encoder-eccentricity":
-        waves = _eccentric(fit, now, shape)
-        return _Direction(term, shape, ("cosine", "sine"), side.fold.answers(waves))
+    if term.as_force is not None:
+        names = tuple(p.name for p in term.parameters if p.linear)
+        own = [shape[p.name] for p in term.parameters if not p.linear]
+        q, dt = now.q[:, 0], fit.fold.record.dt
+        forces = term.as_force(q, dt, fit.values["inertia"], *own)
+        return _Direction(term, shape, names, side.fold.answers(forces))
     key = (term.name, *shape.items())
     if key not in side.simulated:
         loop = fit.loop.with_effect(term, **shape)
@@ -140,14 +143,6 @@ def _law(term: Term, index: int, shape: dict[str, float], simulation: Simulation
         for i, p in enumerate(term.parameters)
     ]
     return term.force(q, dq, ddq, unit, simulation.tau[:, 0], simulation.t - simulation.t[0])
-
-
-def _eccentric(fit: Fit, simulation: Simulation, shape: dict[str, float]) -> Array:
-    """Return the force that moves the axis as an encoder error does: -M d2/dt2, (n_samples, 2)."""
-    angle = 2.0 * np.pi * simulation.q[:, 0] / shape["period"]
-    waves = np.column_stack([np.cos(angle), np.sin(angle)])
-    dt = fit.fold.record.dt
-    return -fit.values["inertia"] * np.gradient(np.gradient(waves, dt, axis=0), dt, axis=0)
 
 
 def _orthonormal(J: Array) -> Array:

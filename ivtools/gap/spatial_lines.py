@@ -7,25 +7,30 @@ period.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
 from ..loop import Simulation
+from ..physics import Term
 from .fold import Fold
-from .response import Response
+from .response import Response, weight
 from .rules import LINE_PERIODS, LINE_SPEEDS, LINE_TOP, LINES, PADDING, POSITION_BINS
 
 Array = NDArray[np.float64]
 
 
-KINDS = ("cogging", "torque-ripple", "encoder-eccentricity")
-
-
 def search(
-    fold: Fold, response: Response, e: Array, simulation: Simulation, count: int = LINES
+    fold: Fold,
+    response: Response,
+    e: Array,
+    simulation: Simulation,
+    terms: Iterable[Term],
+    count: int = LINES,
 ) -> dict[str, list[float]]:
-    """Return the most likely spatial periods for each periodic effect, m or rad.
+    """Return the most likely spatial periods for each effect that has one, m or rad.
 
     Parameters
     ----------
@@ -36,6 +41,8 @@ def search(
         Whitened error, free of what the base model explains.
     simulation : Simulation
         Of the base model.
+    terms : iterable of Term
+        Effects; those that are not periodic over position are passed over.
     count : int
         Periods per effect.
     """
@@ -43,8 +50,11 @@ def search(
     full = np.zeros(len(q))
     full[fold.keep] = e
     back = response.adjoint(signal.lfilter(fold.whitener, [1.0], full[::-1])[::-1])
-    weights = dict(zip(KINDS, (np.ones(len(q)), tau, v**2), strict=True))
-    return {kind: _peaks(q, v, back, w, fold, response, count) for kind, w in weights.items()}
+    return {
+        t.name: _peaks(q, v, back, weight(t, v, tau), fold, response, count)
+        for t in terms
+        if t.search == "lines"
+    }
 
 
 def _peaks(

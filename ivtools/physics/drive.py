@@ -21,6 +21,7 @@ TORQUE_RIPPLE = Term(
         -tau * (a * np.cos(2.0 * np.pi * q / p) + b * np.sin(2.0 * np.pi * q / p))
     ),
     search="lines",
+    weight=lambda dq, tau: tau,
 )
 
 DRIVE_ASYMMETRY = Term(

@@ -8,6 +8,14 @@ from ..compiled import compiled
 from .terms import Parameter, Term
 from .transmission import PERIOD
 
+
+def _accelerating(q, dt, inertia, period):
+    """Return -M d2/dt2 of both waves: the axis follows what the encoder reads."""
+    angle = 2.0 * np.pi * q / period
+    waves = np.column_stack([np.cos(angle), np.sin(angle)])
+    return -inertia * np.gradient(np.gradient(waves, dt, axis=0), dt, axis=0)
+
+
 ENCODER_ECCENTRICITY = Term(
     "encoder-eccentricity",
     "sensor",
@@ -19,6 +27,8 @@ ENCODER_ECCENTRICITY = Term(
     "q + a cos(2 pi q/p) + b sin(2 pi q/p)",
     "Kavanagh, IEEE Trans. Industrial Electronics 47(4), 2000",
     search="lines",
+    weight=lambda dq, tau: dq**2,
+    as_force=_accelerating,
 )
 
 CONTROLLER_MISMATCH = Term(

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import AxisError
 
 Law = Callable[..., "NDArray[np.float64]"]
+Weight = Callable[["NDArray[np.float64]", "NDArray[np.float64]"], "NDArray[np.float64]"]
 Search = Literal["scan", "valleys", "lines", "either", "elsewhere"]
 
 _SYMBOLS = {
@@ -110,6 +111,12 @@ class Term:
         The place in the loop that it takes, if only one effect can have it.
     joint : str
         The only kind of joint that a diagnosis tries it on, ``"revolute"``; empty is any.
+    weight : callable, optional
+        Of an effect that is periodic over position: ``weight(dq, tau)``, what a wave over position
+        is multiplied by to act as this effect does, up to a factor; None is 1.
+    as_force : callable, optional
+        Of an effect without a law: ``as_force(q, dt, inertia, *shape)``, the forces (N or N m) that
+        change the command as it does to first order, one column per linear parameter.
     """
 
     name: str
@@ -124,6 +131,8 @@ class Term:
     everywhere: bool = False
     slot: str = ""
     joint: str = ""
+    weight: Weight | None = field(default=None, compare=False)
+    as_force: Law | None = field(default=None, compare=False)
 
     @property
     def names(self) -> tuple[str, ...]:
