@@ -215,7 +215,17 @@ def _autoregression(x: Array, mask: Mask) -> Array:
     r[0] *= 1.0 + 1e-6
     if not r[0] > 0.0:
         return np.ones(1)
-    return np.concatenate([[1.0], -linalg.solve_toeplitz(r[:-1], r[1:])])
+    return _stable(np.concatenate([[1.0], -linalg.solve_toeplitz(r[:-1], r[1:])]))
+
+
+def _stable(whitener: Array) -> Array:
+    """Return the polynomial with its roots inside the unit circle: gaps may have moved them out."""
+    roots = np.roots(whitener)
+    size = np.abs(roots)
+    if not np.any(size >= 1.0):
+        return whitener
+    inside = np.minimum(np.where(size >= 1.0, 1.0 / size, size), 0.999)
+    return np.asarray(np.real(np.poly(inside * np.exp(1j * np.angle(roots)))))
 
 
 def _level(white: Array, keep: Mask, dt: float) -> float:
