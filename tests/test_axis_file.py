@@ -85,7 +85,7 @@ def test_a_loop_survives_the_way_to_a_file_and_back(text, file):
     assert again.to_toml() == loop.to_toml()
     assert again.terms == loop.terms and again.start == loop.start
     ours, theirs = loop.controller.law(1e-3), again.controller.law(1e-3)
-    for name in ("gains", "taps", "A", "B", "C", "D"):
+    for name in ("taps", "A", "B", "C", "D"):
         assert np.array_equal(getattr(ours, name), getattr(theirs, name))
 
 
@@ -132,7 +132,7 @@ WRONG = {
     "no controller": ("[drive]\ngain = 1\n", r"\[controller\] kind is missing"),
     "no drive": ('[controller]\nkind = "pd"\nkp = 1\nkd = 1\n', r"\[drive\] gain is missing"),
     "a table that is none": ("axis = 3\n" + SHORT, r"\[axis\] is 3; it is a table"),
-    "unknown kind": (changed('"pd"', '"pid"'), "'pid' is not known; known kinds: cascade-pd"),
+    "unknown kind": (changed('"pd"', '"fuzzy"'), "'fuzzy' is not known; known kinds: cascade-pd"),
     "kind is no text": (changed('kind = "pd"', "kind = 1"), "kind = 1; give one of"),
     "missing gain": (changed("kd = 0.05\n", ""), "lacks 'kd'; it needs kp, kd"),
     "gain of another kind": (changed("kd =", "kv = 1\nkd ="), "does not know 'kv'"),
@@ -218,7 +218,7 @@ def harmless(make) -> None:
         return
     assert loop.names is not None and repr(loop)
     if loop.controller.kind != "identify":
-        assert np.isfinite(loop.controller.law(1e-3).gains).all()
+        assert np.isfinite(loop.controller.law(1e-3).D).all()
 
 
 @SETTINGS

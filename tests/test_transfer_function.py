@@ -21,7 +21,7 @@ from ivtools.estimators.continuous import (
 )
 from ivtools.estimators.structure import search_structures
 from ivtools.estimators.transfer_function import SRIVC
-from ivtools.loop.controllers import Controller, LinearLaw
+from ivtools.loop.controllers import Controller
 from ivtools.problem import Problem
 from ivtools.record import Record
 from ivtools.reproduce.toolboxes import report_cases
@@ -53,6 +53,11 @@ def open_loop(B, A, noise=0.0, seed=0, colour=(1.0,), u=None) -> Problem:
     return Problem(record, axes.emps())
 
 
+def known(r):
+    """What a law knows beforehand of a reference: it, its derivative, and no feed-forward."""
+    return np.column_stack([r, np.gradient(r, DT), 0.0 * r])
+
+
 def closed_loop(seed, n=N, noise=2e-4) -> Problem:
     """A linear axis under the EMPS controller, with a coloured disturbance of its position."""
     loop = axes.emps()
@@ -62,10 +67,9 @@ def closed_loop(seed, n=N, noise=2e-4) -> Problem:
     d = lfilter([noise], [1.0, -0.95], white)
     # the loop is linear: a disturbance of the output acts like a reference of the feedback alone
     A, B = [1.0, 4.0, 0.0], [0.37]
-    q0, nu0 = close_loop(B, A, law, 1, r, np.gradient(r, DT), DT)
-    feedback = np.convolve(d, law.taps)[:n]
-    alone = LinearLaw(np.array([1.0, 0.0]), law.taps)
-    q1, nu1 = close_loop(B, A, alone, 1, feedback, 0.0 * r, DT)
+    q0, nu0 = close_loop(B, A, law, 1, known(r), DT)
+    feedback = law.D[3] * d + law.D[4] * np.convolve(d, law.taps)[:n]
+    q1, nu1 = close_loop(B, A, law, 1, np.column_stack([0.0 * r, 0.0 * r, feedback]), DT)
     return Problem(Record(np.arange(n) * DT, q0 + q1 + d, q_ref=r, nu=nu0 + nu1), loop)
 
 
@@ -238,7 +242,7 @@ def test_every_controller_gives_instruments(twin, kind):
     B, A = [loop.gain / 95.0], [1.0, 200.0 / 95.0, 0.0]
     r = record.q_ref[:, 0] - record.q_ref[0, 0]
     force = record.added[:, 0] + 3.0 / loop.gain  # the offset is a constant input
-    q, nu = close_loop(B, A, law, loop.controller.delay, r, np.gradient(r, DT), DT, force)
+    q, nu = close_loop(B, A, law, loop.controller.delay, known(r), DT, force)
     inner = record.q[:, 0] - record.q[0, 0]
     np.testing.assert_allclose(q, inner, atol=1e-3 * np.ptp(inner))
     true = [200.0 / 95.0, loop.gain / 95.0, 3.0 / 95.0]

@@ -116,11 +116,7 @@ def position_autocovariance(
     z = np.exp(1j * np.pi * np.arange(1, _GRID + 1) / _GRID)  # the mode at z = 1 is left out
     H = closed[0, 2](z)
     law, delay = loop.controller.law(dt), loop.controller.delay
-    C = sum(tap * z**-i for i, tap in enumerate(law.taps))
-    if len(law.C):
-        poles = z[:, np.newaxis, np.newaxis] * np.eye(len(law.C)) - law.A
-        inner = np.linalg.solve(poles, np.broadcast_to(law.B[:, 1:], (len(z), len(law.C), 1)))
-        C = C + inner[:, :, 0] @ law.C + law.D[1]
+    C = law.response(z)
     error = np.abs(1.0 + C * z**-delay * H) ** 2 * position**2
     power = np.abs(H / loop.gain) ** 2 * force**2 + error
     return np.fft.irfft(np.concatenate([power[:1], power]))[: MEMORY + 1]

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.estimators.continuous import close_loop
-from ivtools.estimators.transfer_function import SRIVC, Model, signal
+from ivtools.estimators.transfer_function import SRIVC, Model
+from ivtools.loop.controllers import Seen
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
@@ -62,15 +63,15 @@ class CLSRIVC(SRIVC):
 
         Where that loop is unstable the measured command drives the model for this iteration.
         """
-        record, controller = problem.record, problem.loop.controller
-        q_ref = signal(problem, "q_ref")
-        q_ref, n = q_ref - q_ref[0], len(q_ref)
-        dq_ref = np.gradient(q_ref, record.dt) if record.dq_ref is None else record.dq_ref[:, 0]
+        record = problem.record
+        controller = problem.loop.controller.known(record)
+        seen = Seen.of(controller, record, problem.loop.command(record), problem.loop.joint)
+        known, n = seen.inputs[:, :3].copy(), record.n_samples
+        known[:, 0] -= known[0, 0]
         added = np.zeros(n) if record.added is None else record.added[:, 0]
         q, nu = close_loop(
-            model.B, model.A, controller.law(record.dt), controller.delay, q_ref, dq_ref,
-            record.dt, added,
+            model.B, model.A, controller.law(record.dt), controller.delay, known, record.dt, added,
         )  # fmt: skip
-        if np.all(np.isfinite(q)) and np.ptp(q) < 10.0 * np.ptp(q_ref):
+        if np.all(np.isfinite(q)) and np.ptp(q) < 10.0 * np.ptp(record.q):
             return nu, q
         return super().noise_free(model, u, problem)

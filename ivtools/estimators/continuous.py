@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import cont2discrete
 
+from ivtools.loop.controllers.law import MEASURED
+
 from ..compiled import cached
 
 if TYPE_CHECKING:
@@ -149,8 +151,7 @@ def close_loop(
     A: ArrayLike,
     law: LinearLaw,
     delay: int,
-    q_ref: Array,
-    dq_ref: Array,
+    known: Array,
     dt: float,
     added: Array | None = None,
 ) -> tuple[Array, Array]:
@@ -163,8 +164,8 @@ def close_loop(
     law : LinearLaw
         The controller at the sampling rate, its command `delay` samples late.
     delay : int
-    q_ref, dq_ref : (n_samples,) ndarray
-        The reference.
+    known : (n_samples, 3) ndarray
+        What the law knows beforehand: q_ref, dq_ref, feed.
     dt : float
         Sampling step, s.
     added : (n_samples,) ndarray, optional
@@ -178,8 +179,9 @@ def close_loop(
     Examples
     --------
     >>> from ivtools.loop.controllers import LinearLaw
-    >>> r, law = np.ones(2000), LinearLaw(np.array([5.0, 0.0]), np.array([-5.0]))
-    >>> q, nu = close_loop([1.0], [1.0, 0.0], law, 0, r, np.zeros(2000), 0.01)
+    >>> law = LinearLaw(np.array([5.0, 0.0, 1.0, -5.0, 0.0]), np.zeros(1))
+    >>> known = np.column_stack([np.ones(2000), np.zeros((2000, 2))])
+    >>> q, nu = close_loop([1.0], [1.0, 0.0], law, 0, known, 0.01)
     >>> q[-1].round(6), abs(nu[-1]) < 1e-6
     (np.float64(1.0), np.True_)
     """
@@ -190,9 +192,9 @@ def close_loop(
     C = np.zeros((1, n))
     C[0, : len(B)] = B[::-1]
     Ad, Bd, _, _, _ = cont2discrete((F, G, C, np.zeros((1, 1))), dt, method="zoh")
-    feed = law.gains[0] * q_ref + law.gains[1] * dq_ref
-    arrays = (Ad, Bd[:, 0], C[0], feed, q_ref, np.zeros(len(q_ref)) if added is None else added,
-              law.taps, law.A, law.B, law.C, law.D)  # fmt: skip
+    added = np.zeros(len(known)) if added is None else added
+    arrays = (Ad, Bd[:, 0], C[0], *law.known(known), added,
+              law.taps, law.A, law.B[:, MEASURED], law.C, law.D[MEASURED])  # fmt: skip
     return _march_loop(*(np.array(a, dtype=float, order="C") for a in arrays), delay)
 
 
@@ -212,7 +214,7 @@ def _march(A, b, u, start):
 
 
 @cached()
-def _march_loop(A, b, c, feed, q_ref, added, taps, a_law, b_law, c_law, d_law, delay):
+def _march_loop(A, b, c, feed, driven, added, taps, a_law, b_law, c_law, d_law, delay):
     """Output and command of a sampled plant under a linear law with states of its own."""
     n, m, samples = b.size, c_law.size, feed.size
     q, nu, wanted = np.zeros(samples), np.zeros(samples), np.zeros(samples)
@@ -221,13 +223,13 @@ def _march_loop(A, b, c, feed, q_ref, added, taps, a_law, b_law, c_law, d_law, d
         for i in range(n):
             q[k] += c[i] * x[i]
         wanted[k] = feed[k]
+        speed = 0.0
         for i in range(min(taps.size, k + 1)):
-            wanted[k] += taps[i] * q[k - i]
-        if m:
-            wanted[k] += d_law[0] * q_ref[k] + d_law[1] * q[k]
+            speed += taps[i] * q[k - i]
+        wanted[k] += d_law[0] * q[k] + d_law[1] * speed
         for i in range(m):
             wanted[k] += c_law[i] * z[i]
-            following[i] = b_law[i, 0] * q_ref[k] + b_law[i, 1] * q[k]
+            following[i] = driven[k, i] + b_law[i, 0] * q[k] + b_law[i, 1] * speed
             for j in range(m):
                 following[i] += a_law[i, j] * z[j]
         z[:] = following

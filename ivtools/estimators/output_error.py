@@ -79,8 +79,7 @@ class OLOE(SimulatedError):
 def open_loop(problem: Problem) -> Problem:
     """Return a problem whose axis is driven by the recorded command, not by a controller.
 
-    A controller that passes its reference on, and the command as that reference, need no other
-    engine. The axis starts at the first measured position, at rest: an initial velocity that is
+    The axis starts at the first measured position, at rest: an initial velocity that is
     read from a noisy encoder makes the open loop drift.
 
     Examples
@@ -94,12 +93,8 @@ def open_loop(problem: Problem) -> Problem:
     """
     from ivtools.loop.controllers import Controller
 
-    record, loop = problem.record, problem.loop
-    passing = Controller("state-space", {"A": [], "B": [], "C": [], "D": [[1.0, 0.0]]})
-    driven = record.replace(q_ref=loop.command(record), added=None)
     return replace(
         problem,
-        record=driven,
-        loop=replace(loop, controller=passing),
-        simulation={"initial": (float(record.q[0, 0]), 0.0), **problem.simulation},
+        loop=replace(problem.loop, controller=Controller("none", {})),
+        simulation={"initial": (float(problem.record.q[0, 0]), 0.0), **problem.simulation},
     )

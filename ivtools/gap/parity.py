@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..loop import ClosedLoop, Controller
+from ..loop.controllers import Seen
+from ..loop.controllers.law import clipped
 from ..record import Record
 from .rules import (
     AT_LIMIT,
@@ -33,8 +35,6 @@ from .rules import (
 )
 
 Array = NDArray[np.float64]
-
-NAMES = ("kp", "kv", "velocity_filter", "added")
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
     """
     signals = Signals(record, loop)
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
-    limit, clipped = _limit(signals, loop.controller)
-    free = ~clipped
+    limit, at_limit = _limit(signals, loop.controller)
+    free, signals.limit = ~at_limit, loop.controller.limit if limit is None else limit
     delay, fitted, tvalues = _best_delay(signals, loop.controller, free)
     kept = _material(signals, loop.controller, delay, fitted, tvalues, free)
     controller = _corrected(loop.controller, delay, kept, limit)
@@ -105,7 +105,7 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
         mismatch=kept,
         tvalues={name: tvalues[name] for name in kept},
         limit=limit,
-        clipped=float(np.mean(clipped)),
+        clipped=float(np.mean(at_limit)),
     )
 
 
@@ -129,32 +129,36 @@ def effects(
 
 
 class Signals:
-    """What a control law sees and what it gave, (n_samples,) each."""
+    """What a control law sees, and what was recorded."""
 
     def __init__(self, record: Record, loop: ClosedLoop) -> None:
-        assert record.q_ref is not None
-        self.dt = record.dt
-        self.q, self.q_ref = record.q[:, 0], record.q_ref[:, 0]
-        given = record.dq_ref
-        self.dq_ref = given[:, 0] if given is not None else np.gradient(self.q_ref, self.dt)
-        self.added = record.added[:, 0] if record.added is not None else np.zeros(len(self.q))
-        self.command = loop.command(record)[:, 0]
+        self.record, self.joint, self.dt = record, loop.joint, record.dt
+        self.added = record.added[:, 0] if record.added is not None else np.zeros(record.n_samples)
+        self.whole = loop.command(record)
+        self.command = self.whole[:, 0]
+        self.limit = loop.controller.limit  # at which the record was clipped
+
+    def seen(self, controller: Controller) -> Seen:
+        """Return the inputs of a law, and what it gave."""
+        return Seen.of(controller, self.record, self.whole, self.joint)
 
     def fed(self, controller: Controller) -> Array:
         """Return the command of the law fed with the measured position, settled at first, (n,)."""
-        return controller.law(self.dt)(self.q_ref, self.dq_ref, self.q)
+        law, seen = controller.law(self.dt), self.seen(controller)
+        return law.command(seen.inputs, law.settled(seen.inputs[0]))
 
     def law(self, controller: Controller, delay: int) -> Array:
         """Return the same, late by whole samples, before its limit, (n,).
 
         What the law's own states were when the record began, only the record can tell.
         """
-        law, nu = controller.law(self.dt), self.fed(controller)
-        if len(law.C):
-            free, n = law.free_response(len(nu)), len(nu) - delay
-            rest = (self.command - self.added)[delay:] - nu[:n]
-            nu = nu + free @ np.linalg.lstsq(free[:n], rest, rcond=1e-9)[0]
-        return np.concatenate([np.full(delay, nu[0]), nu[: len(nu) - delay]])
+        law, seen = controller.law(self.dt), self.seen(controller)
+        n = len(self.command) - delay
+        inputs, own = seen.inputs[:n], seen.command[delay:]
+        side = clipped(own, self.limit)
+        start = law.began(inputs, own, side, self.limit)
+        nu = law.command(inputs, start, side, self.limit)
+        return np.concatenate([np.full(delay, nu[0]), nu])
 
     def error(self, controller: Controller, delay: int, added: float) -> Array:
         """Return recorded minus expected command, (n,)."""
@@ -166,7 +170,7 @@ def _limit(signals: Signals, controller: Controller) -> tuple[float | None, NDAr
     """Return a limit that nobody declared, and where the command sits at any limit."""
     own = signals.command - signals.added
     law = signals.law(controller, 0)
-    found, clipped = None, np.abs(own) >= AT_LIMIT * controller.limit
+    found, at_limit = None, np.abs(own) >= AT_LIMIT * controller.limit
     top = float(np.max(np.abs(own)))
     at_top = np.abs(own) > AT_TOP * top
     beyond = at_top & (np.abs(law) > CUT * top) & (np.sign(law) == np.sign(own))
@@ -175,8 +179,8 @@ def _limit(signals: Signals, controller: Controller) -> tuple[float | None, NDAr
         and beyond.sum() >= LIMIT_SAMPLES
         and beyond.sum() > CUT_SHARE * at_top.sum()
     ):
-        found, clipped = top, at_top
-    return found, clipped
+        found, at_limit = top, at_top
+    return found, at_limit
 
 
 def _best_delay(
@@ -194,7 +198,7 @@ def _fit(
     signals: Signals, controller: Controller, delay: int, free: NDArray[np.bool_]
 ) -> tuple[dict[str, float], dict[str, float], float]:
     """Fit the mismatch at one delay; return values, t values and the cost."""
-    names = [n for n in NAMES if n != "added" or signals.added.any()]
+    names = [*controller.mismatches, *(["added"] if signals.added.any() else [])]
     x = np.zeros(len(names))
     rows = free.copy()
     rows[:PARITY_HEAD] = False
@@ -205,6 +209,8 @@ def _fit(
         added = values.pop("added", 0.0)
         return signals.error(wide.with_mismatch(**values), delay, added)[rows]
 
+    if not names:
+        return {}, {}, float(np.sum(error(x) ** 2))
     e, step = error(x), 1e-3
     columns = np.zeros((len(e), len(names)))
     for _ in range(3):
@@ -258,6 +264,5 @@ def _material(
 def _corrected(
     controller: Controller, delay: int, mismatch: dict[str, float], limit: float | None
 ) -> Controller:
-    changes = {n: mismatch.get(n, 0.0) for n in NAMES[:3]}
-    found = controller.with_mismatch(**changes) if any(changes.values()) else controller
+    found = controller.with_mismatch(**mismatch) if mismatch else controller
     return replace(found, delay=delay, limit=controller.limit if limit is None else limit)

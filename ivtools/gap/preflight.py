@@ -425,13 +425,13 @@ def doubts(record: Record, loop: ClosedLoop) -> tuple[str, ...]:
 
 def _commands(record: Record, loop: ClosedLoop) -> tuple[Array, Array] | None:
     """Return the command by the control law and the recorded one, (n,) each; None without."""
-    if record.n_joints != 1 or record.q_ref is None:
+    if record.n_joints != 1:
         return None
     try:
         signals = Signals(record, loop)
         with np.errstate(over="ignore", invalid="ignore"):
             expected = signals.fed(loop.controller)
-    except IVToolsError:  # a law that is still to be identified
+    except IVToolsError:  # a law that is still to be identified, or a signal that is missing
         return None
     delay = loop.controller.delay
     expected = expected[: len(expected) - delay]

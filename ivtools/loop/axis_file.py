@@ -19,18 +19,20 @@ from ..record_format import RecordFormat, signal_of
 from ..units import parse
 from .closed_loop import ClosedLoop
 from .controllers import KINDS, Controller
+from .controllers.controller import COMMON
+from .controllers.filters import LoopFilter
 
 _TABLES: dict[str, tuple[str, ...]] = {
     "axis": ("name", "joint"),
     "record": tuple(f.name for f in fields(RecordFormat)),
-    "controller": ("kind", "velocity_filter", "delay", "limit"),
+    "controller": COMMON,
     "drive": ("gain", "delay"),
     "model": ("terms", "start"),
 }
 #: What a number alone in these keys is for.
 _RELATIVE = {"rated": ("%",), "counts_per_unit": ("counts", "counts/s")}
 _REQUIRED = {"controller": ("kind",), "drive": ("gain",)}
-_SETTINGS = {key for kind in KINDS.values() for key in kind.needs}
+_SETTINGS = {key for kind in KINDS.values() for key in kind.settings}
 
 
 def read(path: str | Path) -> ClosedLoop:
@@ -110,6 +112,13 @@ def _controller(table: Mapping[str, Any]) -> Controller:
         velocity_filter=tuple(_number("controller", "velocity_filter", v) for v in taps),
         delay=table.get("delay", 0),
         limit=_number("controller", "limit", table.get("limit", float("inf"))),
+        velocity=_text("controller", "velocity", table.get("velocity", "differences")),
+        filter=LoopFilter.of(_mapping("controller.filter", table["filter"]))
+        if "filter" in table
+        else None,
+        feedforward=_gains("feedforward", table),
+        feedback=_gains("feedback", table),
+        anti_windup=_text("controller", "anti_windup", table.get("anti_windup", "clamp")),
     )
 
 
@@ -165,6 +174,11 @@ def _check_joint(log: RecordFormat, joint: str) -> None:
             )
 
 
+def _gains(name: str, table: Mapping[str, Any]) -> dict[str, float]:
+    given = _mapping(f"controller.{name}", table.get(name, {}))
+    return {k: _number(f"controller.{name}", k, v) for k, v in given.items()}
+
+
 def _mapping(name: str, value: Any) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise AxisError(f"[{name}] is {value!r}; it is a table of keys and values")
@@ -198,6 +212,7 @@ def write(loop: ClosedLoop) -> str:
         "velocity_filter": list(controller.velocity_filter),
         "delay": controller.delay,
         "limit": controller.limit,
+        **_surroundings(controller),
     }
     tables: dict[str, Mapping[str, Any]] = {
         "axis": {"name": loop.name, "joint": loop.joint},
@@ -214,6 +229,19 @@ def write(loop: ClosedLoop) -> str:
     ]
     notes = "\n".join(f"# {note}" for note in loop.notes)
     return "\n\n".join([notes] * bool(notes) + blocks) + "\n"
+
+
+def _surroundings(controller: Controller) -> dict[str, Any]:
+    """Return what a controller has beside its law, as far as it differs from what is plain."""
+    plain = Controller("none", {})
+    values = {
+        "velocity": controller.velocity,
+        "anti_windup": controller.anti_windup,
+        "filter": controller.filter.table if controller.filter else {},
+        "feedforward": dict(controller.feedforward),
+        "feedback": dict(controller.feedback),
+    }
+    return {k: v for k, v in values.items() if v and v != getattr(plain, k)}
 
 
 def _toml(value: Any) -> str:

@@ -323,7 +323,8 @@ class ClosedLoop(Model):
         Returns
         -------
         control.InterconnectedSystem
-            Inputs q_ref, dq_ref, added; outputs q, dq, nu, tau.
+            Inputs q_ref, dq_ref, added, and feed if the controller has feed-forwards or further
+            measured columns, whose sum in command units it is; outputs q, dq, nu, tau.
         """
         from .system import system
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import AxisError, RecordError, ShapeError
+from ..errors import AxisError, ShapeError
 from ..physics import TERMS, Term
 from ..record import Record
 from . import kernel, mechanics
-from .controllers import Controller, LinearLaw
+from .controllers import Controller, LinearLaw, Seen
+from .controllers.law import MEASURED, clipped
 from .simulation import Simulation
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _LONGEST_DELAY = 10.0  # s
+_BEGINNING = 0.3  # s that tell in which state a law began a record
 _START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
 
 
@@ -107,36 +109,40 @@ def simulate(
     """Run the kernel; see `ClosedLoop.simulate`."""
     if record.n_joints != 1:
         raise ShapeError(f"the record has {record.n_joints} joints; a loop simulates one")
-    if record.q_ref is None:
-        raise RecordError("q_ref is missing; the closed loop is driven by the position reference")
     steps = loop.substeps if substeps is None else substeps
     if steps < 1:
         raise AxisError(f"substeps is {steps}; it counts the integration steps per sample")
     n, dt = record.n_samples, record.dt
-    controller = effective_controller(loop, values)
-    law = controller.law(dt)
-    q_ref, added = record.q_ref[:, 0], _column(record.added, n)
-    dq_ref = _column(record.dq_ref, n) if record.dq_ref is not None else np.gradient(q_ref, dt)
-    q0, v0, first = _initial(loop, record, initial, controller.delay, added)
+    controller = effective_controller(loop, values).known(record)
+    law, added = controller.law(dt), _column(record.added, n)
+    seen = Seen.of(controller, record, loop.command(record), loop.joint)
+    known, known_inner = law.known(seen.inputs[:, :3])
+    q0, v0, first = _initial(record, initial, controller.delay, seen)
     limit = min(controller.limit, values.get("saturation.limit", np.inf))
     out = np.empty((4, n))
     kernel.run(
         dt,
         steps,
-        q_ref,
-        dq_ref,
+        np.ascontiguousarray(known),
         added * (1.0 + values.get("controller-mismatch.added", 0.0)),
         ramp,
         _noise("position_noise", position_noise, n),
         _noise("force_noise", force_noise, n),
         float(quantum),
-        law.gains,
-        law.taps,
-        law.A,
-        law.B,
-        law.C,
-        law.D,
-        _inner_state(law, initial, q_ref[0], q0, first[0]),
+        *(
+            np.ascontiguousarray(array)
+            for array in (
+                law.D[MEASURED],
+                law.taps,
+                known_inner,
+                law.A,
+                law.B[:, MEASURED],
+                law.C,
+                law.back,
+                law.hold,
+            )
+        ),
+        _inner_state(law, initial, seen, controller.delay, dt, limit),
         controller.delay,
         limit,
         q0,
@@ -153,24 +159,19 @@ def simulate(
 
 def effective_controller(loop: ClosedLoop, values: Mapping[str, float]) -> Controller:
     """Return the controller, with the mismatch that the model gives it."""
-    changes = {
-        key: values.get(f"controller-mismatch.{key}", 0.0)
-        for key in ("kp", "kv", "velocity_filter")
-    }
-    return loop.controller.with_mismatch(**changes) if any(changes.values()) else loop.controller
+    own = "controller-mismatch."
+    changes = {k.removeprefix(own): v for k, v in values.items() if k.startswith(own) and v}
+    return loop.controller.with_mismatch(**changes) if changes else loop.controller
 
 
-def _initial(
-    loop: ClosedLoop, record: Record, initial: Any, delay: int, added: Array
-) -> tuple[float, float, Array]:
+def _initial(record: Record, initial: Any, delay: int, seen: Seen) -> tuple[float, float, Array]:
     """Return position, velocity, and the commands that the controller gave before the record."""
-    assert record.q_ref is not None  # the caller has looked
     if initial == "record":
-        recorded = loop.command(record)[:, 0] - added
-        first = np.append(recorded[:delay], recorded[0])
+        first = np.append(seen.command[:delay], seen.command[0])
         return (*_state(record.q[: _START_SAMPLES + 1, 0], record.dt), first)
     if initial == "rest":
-        return float(record.q_ref[0, 0]), 0.0, np.zeros(delay + 1)
+        start = record.q if record.q_ref is None else record.q_ref
+        return float(start[0, 0]), 0.0, np.zeros(delay + 1)
     try:
         q0, v0 = (float(x) for x in initial)
     except (TypeError, ValueError):
@@ -178,11 +179,19 @@ def _initial(
     return q0, v0, np.zeros(delay + 1)
 
 
-def _inner_state(law: LinearLaw, initial: Any, q_ref: float, q: float, command: float) -> Array:
-    """Return the controller's own state: steady, and giving the command that the record has."""
+def _inner_state(
+    law: LinearLaw, initial: Any, seen: Seen, delay: int, dt: float, limit: float
+) -> Array:
+    """Return the controller's own state: that in which the record begins, or a settled one."""
     if not len(law.C) or isinstance(initial, tuple):
         return np.zeros(len(law.C))
-    return law.settled(q_ref, q, None if initial == "rest" else command)
+    if initial == "rest":
+        start = seen.inputs[0].copy()
+        start[3:] = start[0], 0.0  # on its reference
+        return law.settled(start)
+    n = min(len(seen.command) - delay, max(_START_SAMPLES, round(_BEGINNING / dt)))
+    command = seen.command[delay : delay + n]
+    return law.began(seen.inputs[:n], command, clipped(command, limit), limit)
 
 
 def _state(q: Array, dt: float) -> tuple[float, float]:

@@ -44,17 +44,17 @@ def _fill_before(seen, law, sent, past, delay, whole, first, q, v, dt, p, on):
 
 
 @compiled
-def _dynamic(inner, following, a_matrix, b_matrix, c_row, d_row, q_ref, q):
-    """Return the output of the state-space part, and move its state on."""
-    value = d_row[0] * q_ref + d_row[1] * q
+def _move_on(inner, following, known, a_matrix, b_matrix, c_row, q, speed, excess, back, hold):
+    """Move the controller's own states over one sample; `excess` is what the limit cut off."""
     for i in range(inner.size):
-        value += c_row[i] * inner[i]
-        following[i] = b_matrix[i, 0] * q_ref + b_matrix[i, 1] * q
+        following[i] = known[i] + b_matrix[i, 0] * q + b_matrix[i, 1] * speed
         for j in range(inner.size):
             following[i] += a_matrix[i, j] * inner[j]
+        following[i] -= back[i] * excess
+        if hold[i] and excess * c_row[i] * (following[i] - inner[i]) > 0.0:
+            following[i] = inner[i]
     for i in range(inner.size):
         inner[i] = following[i]
-    return value
 
 
 _VECTOR = types.Array(float64, 1, "C", readonly=True)
@@ -67,17 +67,18 @@ _MATRIX = types.Array(float64, 2, "C", readonly=True)
         int64,
         _VECTOR,
         _VECTOR,
-        _VECTOR,
         boolean,
         _VECTOR,
         _VECTOR,
         float64,
-        float64[::1],
-        float64[::1],
+        _VECTOR,
+        _VECTOR,
+        _MATRIX,
         _MATRIX,
         _MATRIX,
         _VECTOR,
         _VECTOR,
+        types.Array(boolean, 1, "C", readonly=True),
         float64[::1],
         int64,
         float64,
@@ -93,8 +94,7 @@ _MATRIX = types.Array(float64, 2, "C", readonly=True)
 def run(
     dt,
     n,
-    q_ref,
-    dq_ref,
+    known,
     added,
     ramp,
     position_noise,
@@ -102,10 +102,12 @@ def run(
     quantum,
     gains,
     taps,
+    known_inner,
     a_matrix,
     b_matrix,
     c_row,
-    d_row,
+    back,
+    hold,
     inner,
     delay,
     limit,
@@ -119,12 +121,12 @@ def run(
 ):
     """Simulate the closed loop; fill out with the rows q, dq, ddq, nu.
 
-    The control law is ``gains @ (q_ref, dq_ref) + taps @ (q, q one sample ago, ...)`` plus a
-    state-space part with inputs (q_ref, q) and the state `inner`. `first` holds the commands,
-    added inputs excluded, that precede the law's own: `delay` of them, then the one before the
-    record.
+    The law is a `controllers.LinearLaw`: `known` (n_samples,) and `known_inner` (n_samples, n) are
+    what its known inputs add to the command and to its states, `gains` and `b_matrix` belong to
+    the measured position and velocity, and `inner` is its state. `first` holds the commands, added
+    inputs excluded, that precede the law's own: `delay` of them, then the one before the record.
     """
-    samples, past = q_ref.size, taps.size - 1
+    samples, past = known.size, taps.size - 1
     whole, planned = drive_delay(dt, p, on)[0], plan(dt, n, p, on)
     seen, law = np.empty(past + samples), np.empty(delay + samples)
     sent, following = np.empty(whole + 1 + samples), np.empty(inner.size)
@@ -135,13 +137,18 @@ def run(
         noise = position_noise[k] if position_noise.size else 0.0
         seen[past + k] = out[0, k] = measure(q, noise, quantum, p, on)
         out[1, k] = v
-        value = gains[0] * q_ref[k] + gains[1] * dq_ref[k]
+        speed = 0.0
         for i in range(taps.size):
-            value += taps[i] * seen[past + k - i]
+            speed += taps[i] * seen[past + k - i]
+        value = known[k] + gains[0] * out[0, k] + gains[1] * speed
+        for i in range(inner.size):
+            value += c_row[i] * inner[i]
         if inner.size:
-            value += _dynamic(
-                inner, following, a_matrix, b_matrix, c_row, d_row, q_ref[k], out[0, k]
-            )
+            excess = value - min(max(value, -limit), limit)
+            _move_on(
+                inner, following, known_inner[k], a_matrix, b_matrix, c_row,
+                out[0, k], speed, excess, back, hold,
+            )  # fmt: skip
         law[delay + k] = value
         sent[whole + 1 + k] = out[3, k] = min(max(law[k], -limit), limit) + added[k]
         outside = force_noise[k] if force_noise.size else 0.0

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .controllers import LinearLaw
-
 if TYPE_CHECKING:
     from .closed_loop import ClosedLoop
 
@@ -60,20 +58,16 @@ def transition(loop: ClosedLoop, inertia: float, viscous: float, dt: float) -> A
 
     def step(z: Array) -> Array:
         place, past, x, line = np.split(z, np.cumsum([2, remembered, own]))
-        line = np.append(_command(law, place[0], past, x), line)
+        seen = np.array([0.0, 0.0, 0.0, place[0], law.taps @ np.append(place[0], past)])
+        line = np.append(law.D @ seen + law.C @ x, line)
         older, newer = loop.gain / inertia * line[[drop + 1, drop]]
         moved = _glide(place, older, viscous / inertia, part * dt)
         moved = _glide(moved, newer, viscous / inertia, (1.0 - part) * dt)
         past = np.append(place[0], past)[:remembered]
-        return np.concatenate([moved, past, law.A @ x + law.B[:, 1] * place[0], line[:-1]])
+        return np.concatenate([moved, past, law.A @ x + law.B @ seen, line[:-1]])
 
     n = 2 + remembered + own + drop + 1
     return np.column_stack([step(unit) for unit in np.eye(n)])
-
-
-def _command(law: LinearLaw, q: float, past: Array, x: Array) -> float:
-    """Return the command of the law at a reference of 0."""
-    return float(law.taps @ np.append(q, past) + law.C @ x + law.D[1] * q)
 
 
 def _glide(place: Array, push: float, rate: float, h: float) -> Array:

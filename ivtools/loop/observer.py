@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 _DAMPING = 0.7
 _SMOOTHED = 3.0  # cut-off of the smoothing, in natural frequencies of the pull
 _SMOOTHING_ORDER = 2  # the gain 1/(1 + (f/cutoff)^4) is Wiener's for these two errors
-_NONE = ("kp", "kv", "velocity_filter", "added")  # of a controller's mismatch: it is not simulated
 
 
 def driven_by(command: Array, motion: Motion, record: Record) -> Record:
@@ -98,7 +97,7 @@ def observed_velocity(
     rate = 2.0 * pi * pull_hz  # rad/s
     unit = values["inertia"] * rate / loop.gain
     pull = Controller("pd", {"kp": unit * rate, "kd": 2.0 * _DAMPING * unit})
-    values |= {key: 0.0 for n in _NONE if (key := f"controller-mismatch.{n}") in values}
+    values |= {key: 0.0 for key in values if key.startswith("controller-mismatch.")}
     moved = replace(loop, controller=pull).simulate(driven, values, **options)
     smoother = Pipeline(_SMOOTHED * pull_hz, 1, order=_SMOOTHING_ORDER)
     rest = smoother.differentiate(driven.q - moved.q, driven.dt).dq

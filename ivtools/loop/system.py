@@ -21,6 +21,7 @@ from .kernel import axis_step, measure
 
 if TYPE_CHECKING:
     from .closed_loop import ClosedLoop
+    from .controllers import Controller
 
 Array = NDArray[np.float64]
 
@@ -33,19 +34,26 @@ def system(
     """Return the interconnected closed loop; see `ClosedLoop.system`."""
     controller = _controller_block(loop, values, dt)
     axis = _axis_block(loop, values, dt, substeps)
+    feed = ["feed"] if fed(loop.controller) else []
     return control.interconnect(
         [controller, axis],
         connections=[
             ["controller.q", "axis.q"],
             ["axis.command", "controller.command"],
         ],
-        inplist=["controller.q_ref", "controller.dq_ref", "axis.added"],
-        inputs=["q_ref", "dq_ref", "added"],
+        inplist=["controller.q_ref", "controller.dq_ref", "axis.added"]
+        + [f"controller.{name}" for name in feed],
+        inputs=["q_ref", "dq_ref", "added", *feed],
         outlist=["axis.q", "axis.dq", "axis.nu", "axis.tau"],
         outputs=["q", "dq", "nu", "tau"],
         name=loop.name,
         dt=dt,
     )
+
+
+def fed(controller: Controller) -> bool:
+    """Whether a controller has one more input: feed-forwards and further measured columns."""
+    return bool(controller.feedforward or controller.feedback or controller.kind == "none")
 
 
 def _controller_block(
@@ -54,16 +62,27 @@ def _controller_block(
     controller = effective_controller(loop, values)
     law, delay = controller.law(dt), controller.delay
     past, inner = len(law.taps) - 1, len(law.C)
+    limit = _limit(loop, values)
+
+    known = 3 if fed(controller) else 2
+
+    def seen(x: Array, u: Array) -> Array:
+        positions = np.append(u[known], x[:past])
+        feed = u[2] if known == 3 else 0.0
+        return np.array([u[0], u[1], feed, u[known], law.taps @ positions])
 
     def value(x: Array, u: Array) -> float:
-        positions = np.concatenate([u[2:], x[:past]])
-        state, inputs = x[past : past + inner], u[[0, 2]]
-        return float(law.gains @ u[:2] + law.taps @ positions + law.C @ state + law.D @ inputs)
+        return float(law.D @ seen(x, u) + law.C @ x[past : past + inner])
+
+    def state(x: Array, u: Array) -> Array:
+        own, wanted = x[past : past + inner], value(x, u)
+        excess = wanted - np.clip(wanted, -limit, limit)
+        new = law.A @ own + law.B @ seen(x, u) - law.back * excess
+        return np.where(law.hold & (excess * law.C * (new - own) > 0.0), own, new)
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
-        state = law.A @ x[past : past + inner] + law.B @ u[[0, 2]]
         line: ArrayLike = np.append(x[past + inner :], value(x, u))[-delay:] if delay else []
-        return np.concatenate([u[2:], x[:past], state, line])[_drop(past, inner, delay)]
+        return np.concatenate([u[known:], x[:past], state(x, u), line])[_drop(past, inner, delay)]
 
     def output(t: float, x: Array, u: Array, params: Any) -> Array:
         return np.array([x[past + inner] if delay else value(x, u)])
@@ -71,7 +90,7 @@ def _controller_block(
     return control.nlsys(
         update,
         output,
-        inputs=["q_ref", "dq_ref", "q"],
+        inputs=["q_ref", "dq_ref", *["feed"][: known - 2], "q"],
         outputs=["command"],
         states=past + inner + delay,
         name="controller",
@@ -89,7 +108,7 @@ def _axis_block(
 ) -> control.NonlinearIOSystem:
     p, on, user = plant(loop, values)
     whole, _ = drive_delay(dt, p, on)
-    limit = min(loop.controller.limit, values.get("saturation.limit", np.inf))
+    limit = _limit(loop, values)
     added_gain = 1.0 + values.get("controller-mismatch.added", 0.0)
 
     def nu(u: Array) -> float:
@@ -126,6 +145,10 @@ def _axis_block(
         name="axis",
         dt=dt,
     )
+
+
+def _limit(loop: ClosedLoop, values: Mapping[str, float]) -> float:
+    return min(loop.controller.limit, values.get("saturation.limit", np.inf))
 
 
 def initial_state(

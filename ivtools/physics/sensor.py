@@ -37,10 +37,12 @@ CONTROLLER_MISMATCH = Term(
     (
         Parameter("kp", "1", lower=-0.9, upper=9.0, scale="one"),
         Parameter("kv", "1", lower=-0.9, upper=9.0, scale="one"),
+        Parameter("kd", "1", lower=-0.9, upper=9.0, scale="one"),
+        Parameter("ki", "1", lower=-0.9, upper=9.0, scale="one"),
         Parameter("velocity_filter", "1", lower=-1.0, upper=1.0, scale="one"),
         Parameter("added", "1", lower=-2.0, upper=9.0, scale="one"),
     ),
-    "kp (1 + a), kv (1 + b), one more tap c in the velocity filter, added input (1 + d)",
+    "each gain (1 + a), one more tap c in the velocity filter, added input (1 + d)",
     "settings that differ from the ones in the axis file",
     search="elsewhere",
 )

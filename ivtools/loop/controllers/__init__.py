@@ -1,0 +1,9 @@
+"""Controllers: one linear form of every law, the kinds of laws, and what a law sees of a record."""
+
+from .controller import Controller
+from .kinds import KINDS, Kind
+from .law import INPUTS, LinearLaw
+from .seen import Seen
+from .velocity import backward_difference
+
+__all__ = ["INPUTS", "KINDS", "Controller", "Kind", "LinearLaw", "Seen", "backward_difference"]

@@ -1,0 +1,214 @@
+"""The kinds of controllers: each with its law, its settings, and what can be wrong with them.
+
+e = q_ref - q; dq is the controller's own velocity; an integral int x is a sum,
+I[k] = I[k-1] + dt x[k].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import AxisError
+from .law import INPUTS, LinearLaw
+
+Array = NDArray[np.float64]
+Settings = Mapping[str, Any]
+
+_FEED = np.array([0.0, 0.0, 1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of controller.
+
+    Parameters
+    ----------
+    equation : str
+        The law in one line.
+    needs : tuple of str
+        Settings that must be given.
+    law : callable
+        From the settings, the step dt (s) and the taps of the velocity to the linear law, without
+        limit, filter and anti-windup.
+    output : tuple of str
+        Settings that the whole output is proportional to.
+    optional : mapping
+        Further settings and the values that they have if they are not given.
+    gains : tuple of str, optional
+        Settings that may differ by a factor from what the axis file says; default: those needed.
+    position, velocity : bool
+        Whether the law needs a position reference, and whether it forms a velocity.
+    tracking : callable, optional
+        From the settings to what an integrator takes back, per s and per command beyond the limit,
+        with `anti_windup = "back-calculation"`.
+    """
+
+    equation: str
+    needs: tuple[str, ...]
+    law: Callable[[Settings, float, Array], LinearLaw]
+    output: tuple[str, ...]
+    optional: Mapping[str, float] = field(default_factory=dict)
+    gains: tuple[str, ...] | None = None
+    position: bool = True
+    velocity: bool = True
+    tracking: Callable[[Settings], float] | None = None
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Every setting of the kind."""
+        return (*self.needs, *self.optional)
+
+    @property
+    def mismatch(self) -> tuple[str, ...]:
+        """What can be wrong with it, by name: relative errors, and one more tap of the velocity."""
+        gains = self.needs if self.gains is None else self.gains
+        return (*gains, "velocity_filter") if self.velocity else gains
+
+    def changed(self, settings: Settings, changes: Mapping[str, float]) -> dict[str, Any]:
+        """Return the settings with relative errors."""
+        gains = self.needs if self.gains is None else self.gains
+        return {
+            k: v * (1.0 + changes[k]) if k in gains and changes.get(k) else v
+            for k, v in settings.items()
+        }
+
+    def scaled(self, settings: Settings, ratio: float) -> dict[str, Any]:
+        """Return the settings of a law with `ratio` times the output."""
+        return {k: np.asarray(v) * ratio if k in self.output else v for k, v in settings.items()}
+
+
+class _StateSpace(Kind):
+    """Its output is wrong by one factor, which goes by the name of the outer gain, kp."""
+
+    def changed(self, settings: Settings, changes: Mapping[str, float]) -> dict[str, Any]:
+        return self.scaled(settings, 1.0 + changes.get("kp", 0.0))
+
+
+def _cascade_pd(s: Settings, dt: float, taps: Array) -> LinearLaw:
+    kp, kv = s["kp"], s["kv"]
+    return LinearLaw(np.array([kp * kv, 0.0, 1.0, -kp * kv, -kv]), taps)
+
+
+def _pd(s: Settings, dt: float, taps: Array) -> LinearLaw:
+    kp, kd = s["kp"], s["kd"]
+    return LinearLaw(np.array([kp, kd * s["c"], 1.0, -kp, -kd]), taps)
+
+
+def _p_velocity(s: Settings, dt: float, taps: Array) -> LinearLaw:
+    return LinearLaw(np.array([0.0, s["kv"] * s["c"], 1.0, 0.0, -s["kv"]]), taps)
+
+
+def _p_pi(s: Settings, dt: float, taps: Array) -> LinearLaw:
+    """State: the sum of the velocity errors so far, times ki dt."""
+    kp = s.get("kp", 0.0)
+    error = np.array([kp, s["c"], 0.0, -kp, -1.0])
+    step = s["ki"] * dt
+    return LinearLaw(
+        s["kv"] * (1.0 + step) * error + _FEED,
+        taps,
+        np.eye(1),
+        step * error[np.newaxis],
+        np.array([s["kv"]]),
+        np.zeros(1),
+        np.ones(1, dtype=bool),
+    )
+
+
+def _pid(s: Settings, dt: float, taps: Array) -> LinearLaw:
+    """States: the integral part, and the filtered derivative part of the sample before."""
+    kp, kd, lag = s["kp"], s["kd"], s["derivative_filter"]
+    if lag < 0.0:
+        raise AxisError(f"derivative_filter is {lag:g} s; a time constant is not negative")
+    keep = lag / (lag + dt)
+    proportional = np.array([kp * s["b"], 0.0, 0.0, -kp, 0.0])
+    integral = s["ki"] * dt * np.array([1.0, 0.0, 0.0, -1.0, 0.0])
+    derivative = (1.0 - keep) * kd * np.array([0.0, s["c"], 0.0, 0.0, -1.0])
+    return LinearLaw(
+        proportional + integral + derivative + _FEED,
+        taps,
+        np.diag([1.0, keep]),
+        np.vstack([integral, derivative]),
+        np.array([1.0, keep]),
+        np.zeros(2),
+        np.array([True, False]),
+    )
+
+
+def _none(s: Settings, dt: float, taps: Array) -> LinearLaw:
+    return LinearLaw(_FEED.copy(), np.zeros(1))
+
+
+def _state_space(s: Settings, dt: float, taps: Array) -> LinearLaw:
+    A, B, C, D = (np.atleast_2d(np.asarray(s[key], dtype=float)) for key in "ABCD")
+    n = A.shape[0] if A.size else 0
+    if (A.size and A.shape != (n, n)) or (n and (B.shape != (n, 2) or C.shape != (1, n))):
+        raise AxisError(
+            f"controller matrices A {A.shape}, B {B.shape}, C {C.shape} do not fit; a state-space "
+            "controller needs A (n, n), B (n, 2) for (q_ref, q), C (1, n), D (1, 2)"
+        )
+    if D.shape != (1, 2):
+        raise AxisError(f"controller matrix D is {D.shape}; inputs (q_ref, q) need (1, 2)")
+    gains = _FEED.copy()
+    gains[[0, 3]] = D[0]
+    if n == 0:
+        return LinearLaw(gains, np.zeros(1))
+    into = np.zeros((n, len(INPUTS)))
+    into[:, [0, 3]] = B
+    return LinearLaw(gains, np.zeros(1), A, into, C[0], np.zeros(n), np.zeros(n, dtype=bool))
+
+
+KINDS: dict[str, Kind] = {
+    "cascade-pd": Kind("nu = kv (kp e - dq)", ("kp", "kv"), _cascade_pd, ("kv",)),
+    "pd": Kind(
+        "nu = kp e + kd (c dq_ref - dq)", ("kp", "kd"), _pd, ("kp", "kd"), optional={"c": 1.0}
+    ),
+    "pid": Kind(
+        "nu = kp (b q_ref - q) + ki int e + kd (c dq_ref - dq)/(derivative_filter s + 1)",
+        ("kp", "ki"),
+        _pid,
+        ("kp", "ki", "kd"),
+        optional={"kd": 0.0, "derivative_filter": 0.0, "b": 1.0, "c": 1.0},
+        gains=("kp", "ki", "kd"),
+        tracking=lambda s: abs(s["ki"] / s["kp"]) if s["kp"] else 0.0,
+    ),
+    "p-pi": Kind(
+        "nu = kv (ev + ki int ev), ev = kp e + c dq_ref - dq",
+        ("kp", "kv", "ki"),
+        _p_pi,
+        ("kv",),
+        optional={"c": 1.0},
+        tracking=lambda s: s["ki"] / s["kv"] if s["kv"] else 0.0,
+    ),
+    "pi-velocity": Kind(
+        "nu = kv (ev + ki int ev), ev = c dq_ref - dq",
+        ("kv", "ki"),
+        _p_pi,
+        ("kv",),
+        optional={"c": 1.0},
+        position=False,
+        tracking=lambda s: s["ki"] / s["kv"] if s["kv"] else 0.0,
+    ),
+    "p-velocity": Kind(
+        "nu = kv (c dq_ref - dq)",
+        ("kv",),
+        _p_velocity,
+        ("kv",),
+        optional={"c": 1.0},
+        position=False,
+    ),
+    "state-space": _StateSpace(
+        "x+ = A x + B (q_ref, q), nu = C x + D (q_ref, q)",
+        ("A", "B", "C", "D"),
+        _state_space,
+        ("C", "D"),
+        gains=("kp",),
+        velocity=False,
+    ),
+    "none": Kind("nu as recorded: open loop", (), _none, (), position=False, velocity=False),
+}
+UNKNOWN = "identify"

@@ -1,0 +1,167 @@
+"""What a controller sees of a record: references, what is known beforehand, position, velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import RecordError
+from ...record import Record
+
+if TYPE_CHECKING:
+    from .controller import Controller
+
+Array = NDArray[np.float64]
+
+FEEDFORWARDS = ("velocity", "acceleration", "coulomb", "gravity", "gravity_cos")
+_REST = 1e-6  # of the largest velocity: below it a reference stands
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The inputs of a law along a record.
+
+    Parameters
+    ----------
+    inputs : ndarray, (n_samples, 5)
+        q_ref, dq_ref, feed, q, dq, as `LinearLaw` takes them.
+    command : ndarray, (n_samples,)
+        What the law itself commanded: the recorded command without added inputs.
+    """
+
+    inputs: Array
+    command: Array
+
+    @classmethod
+    def of(
+        cls, controller: Controller, record: Record, command: Array, joint: str = "prismatic"
+    ) -> Seen:
+        """Collect what a controller saw.
+
+        Parameters
+        ----------
+        controller : Controller
+        record : Record
+            With one joint.
+        command : (n_samples, 1) ndarray
+            The recorded command, added inputs included.
+        joint : {"prismatic", "revolute"}
+            Gravity turns with a revolute axis.
+
+        Raises
+        ------
+        RecordError
+            If a reference, a logged velocity or a column is missing that the law needs.
+        """
+        own = command[:, 0] - (0.0 if record.added is None else record.added[:, 0])
+        q_ref, dq_ref = references(record, controller)
+        q = record.q[:, 0]
+        if controller.kind == "none":
+            feed = own
+        else:
+            feed = fed(controller.feedforward, controller.feedback, record, joint)
+        if controller.velocity == "logged":
+            if record.dq is None:
+                raise RecordError(
+                    'dq is missing; velocity = "logged" in [controller] needs it, else the '
+                    "controller differentiates q"
+                )
+            dq = record.dq[:, 0]
+        else:
+            dq = controller.law(record.dt).velocity(q)
+        return cls(np.column_stack([q_ref, dq_ref, feed, q, dq]), own)
+
+
+def references(record: Record, controller: Controller) -> tuple[Array, Array]:
+    """Return q_ref and dq_ref, (n_samples,) each, 0 where the law does not need them.
+
+    Raises
+    ------
+    RecordError
+        If the one that the law needs is missing.
+    """
+    zero = np.zeros(record.n_samples)
+    if controller.kind == "none":
+        return zero, zero
+    if record.q_ref is None:
+        if controller.needs_position:
+            raise RecordError(
+                "q_ref is missing; the closed loop is driven by the position reference"
+            )
+        if record.dq_ref is None:
+            raise RecordError(
+                f"dq_ref is missing, and q_ref too; a controller {controller.kind} follows one"
+            )
+    q_ref = zero if record.q_ref is None else record.q_ref[:, 0]
+    return q_ref, speed_reference(record)
+
+
+def speed_reference(record: Record) -> Array:
+    """Return the velocity reference, (n_samples,): logged, or the derivative of the position's."""
+    if record.dq_ref is not None:
+        return np.ascontiguousarray(record.dq_ref[:, 0])
+    assert record.q_ref is not None  # the caller has looked
+    return np.gradient(record.q_ref[:, 0], record.dt)
+
+
+def feedforward(name: str, record: Record, joint: str) -> Array:
+    """Return the signal, (n_samples,), that the gain of a feed-forward multiplies.
+
+    Parameters
+    ----------
+    name : str
+        One of `FEEDFORWARDS`, of the reference, or a further column of the record.
+    record : Record
+    joint : {"prismatic", "revolute"}
+        Gravity is the sine (`gravity`) and cosine (`gravity_cos`) of a revolute joint's reference,
+        and constant on a prismatic one.
+
+    Raises
+    ------
+    RecordError
+        If there is no such column.
+    """
+    if name not in FEEDFORWARDS:
+        return column(name, record)
+    if name.startswith("gravity"):
+        if joint == "prismatic":
+            return np.ones(record.n_samples)
+        angle = record.q if record.q_ref is None else record.q_ref
+        return (np.cos if name == "gravity_cos" else np.sin)(angle[:, 0])
+    if record.q_ref is None and record.dq_ref is None:
+        raise RecordError(f"a feed-forward of {name} needs q_ref or dq_ref in the record")
+    if name == "acceleration" and record.dq_ref is None:
+        q = record.q_ref[:, 0]  # type: ignore[index]  # one of them is there
+        return np.gradient(np.gradient(q, record.dt), record.dt)
+    dq = speed_reference(record)
+    if name == "velocity":
+        return dq
+    if name == "acceleration":
+        return np.gradient(dq, record.dt)
+    return np.where(np.abs(dq) > _REST * np.abs(dq).max(), np.sign(dq), 0.0)
+
+
+def column(name: str, record: Record) -> Array:
+    """Return a further measured column of a record, (n_samples,)."""
+    if name in record.extra:
+        return record.extra[name]
+    if name in record.signals:
+        return record.signals[name][:, 0]
+    there = ", ".join([*record.signals, *record.extra])
+    raise RecordError(f"column {name!r}, which the controller sees, is not in the record: {there}")
+
+
+def fed(
+    forward: Mapping[str, float], back: Mapping[str, float], record: Record, joint: str
+) -> Array:
+    """Return the sum of feed-forwards and measured feedback, (n_samples,), in command units."""
+    total = np.zeros(record.n_samples)
+    for name, gain in forward.items():
+        total += gain * feedforward(name, record, joint)
+    for name, gain in back.items():
+        total += gain * column(name, record)
+    return total

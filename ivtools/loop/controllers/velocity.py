@@ -1,0 +1,75 @@
+"""The velocity as a controller has it: differences of the position, or a logged signal."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+WAYS = ("differences", "logged")
+AT_THE_SAMPLE = (1.5, -0.5)  # weights of differences: the velocity at the sample, to second order
+_LENGTHS = (1, 2, 3, 4, 6, 8)
+_WORTH = 0.9  # of the residual that a longer filter may leave
+_LONGEST = 200  # taps that stand for a low-pass filter
+_REACH = 1e-5  # of a low-pass's answer that is cut off
+
+
+def backward_difference(velocity_filter: ArrayLike, dt: float) -> Array:
+    """Return the taps, 1/s, of the velocity as a controller forms it.
+
+    The position passes an FIR filter, then a backward difference over one sample.
+
+    Examples
+    --------
+    >>> backward_difference([0.5, 0.5], 0.001)
+    array([ 500.,    0., -500.])
+    """
+    return np.convolve(np.asarray(velocity_filter, dtype=float), [1.0, -1.0]) / dt
+
+
+def shown(q: Array, dq: Array, dt: float) -> tuple[float, ...]:
+    """Return the FIR filter by which a logged velocity follows from differences of the position.
+
+    A simulation has no log to take the velocity from. Its position has, and what the drive made of
+    the measured one tells how: by an FIR filter of a few taps, or by a first-order low-pass, which
+    is an FIR filter of many.
+
+    Parameters
+    ----------
+    q, dq : (n_samples,) ndarray
+        Measured position, and the velocity logged beside it.
+    dt : float
+        Sampling step, s.
+
+    Examples
+    --------
+    >>> q = np.random.default_rng(0).normal(size=900).cumsum() * 1e-3
+    >>> speed = np.convolve(np.diff(q, prepend=q[0]), [0.7, 0.3])[:900] / 0.01
+    >>> np.round(shown(q, speed, 0.01), 6).tolist()
+    [0.7, 0.3]
+    """
+    speed = np.diff(q, prepend=q[0]) / dt
+    lags = [np.concatenate([np.zeros(i), speed[: len(speed) - i]]) for i in range(max(_LENGTHS))]
+    best, least = AT_THE_SAMPLE, np.inf
+    rows = slice(max(_LENGTHS), None)
+    for n in _LENGTHS:
+        X = np.column_stack(lags[:n])[rows]
+        weights = np.linalg.lstsq(X.T @ X, X.T @ dq[rows], rcond=1e-12)[0]
+        left = float(np.linalg.norm(dq[rows] - X @ weights))
+        if left < _WORTH * least:
+            best, least = tuple(weights.tolist()), left
+    slow, left = _low_pass(speed, dq, rows)
+    return slow if left < _WORTH * least else best
+
+
+def _low_pass(speed: Array, dq: Array, rows: slice) -> tuple[tuple[float, ...], float]:
+    """Return the taps of the first-order low-pass nearest to a velocity, and what it leaves."""
+    X = np.column_stack([dq[:-1], speed[1:], speed[:-1]])[rows]
+    pole, *gains = np.linalg.lstsq(X.T @ X, X.T @ dq[1:][rows], rcond=1e-12)[0]
+    if not 0.0 < pole < 1.0:
+        return AT_THE_SAMPLE, np.inf
+    n = min(int(np.ceil(np.log(_REACH) / np.log(pole))) + 2, _LONGEST)
+    taps = np.convolve(gains, pole ** np.arange(n - 1))[:n]
+    left = dq - np.convolve(speed, taps)[: len(dq)]
+    return tuple(taps.tolist()), float(np.linalg.norm(left[rows]))
