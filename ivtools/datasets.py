@@ -1,7 +1,8 @@
 """Registered data sets: where they come from, how to get them, and that they are the right ones.
 
 A file is looked for in the folder given, in ``$IVTOOLS_DATA`` and in the user's cache, and else
-downloaded into the cache. Every file is checked by its SHA-256 each time it is used.
+downloaded into the cache. Every file is checked by its SHA-256 each time it is used. What
+IVTOOLS_DATA names is a folder that holds a set's files, or one folder per set.
 """
 
 from __future__ import annotations
@@ -21,7 +22,18 @@ from ivtools.record import Record
 from ivtools.record_format import RecordFormat
 from ivtools.registry import REGISTRY, DataSet
 
-__all__ = ["REGISTRY", "DataSet", "emps", "emps_pulses", "fetch", "find", "load", "path", "twin"]
+__all__ = [
+    "REGISTRY",
+    "DataSet",
+    "emps",
+    "emps_pulses",
+    "fetch",
+    "find",
+    "load",
+    "path",
+    "paths",
+    "twin",
+]
 
 FOLDER_VARIABLE = "IVTOOLS_DATA"
 MIRROR_VARIABLE = "IVTOOLS_MIRROR"
@@ -77,10 +89,26 @@ def load(
     if name == "twin":
         return twin()
     if name in REGISTRY:
-        return Record.read(path(str(name), data)).replace(name=str(name))
+        return _registered_record(REGISTRY[str(name)], data)
     if not Path(name).suffix and not Path(name).exists():
         raise DataError(f"{name} is neither a file nor a data set; data sets: {_known()}")
     return Record.read(name, columns)
+
+
+def _registered_record(data_set: DataSet, data: str | Path | None) -> Record:
+    """Return the record of a registered data set, from its owners' files."""
+    main, *beside = paths(data_set.name, data)
+    if not data_set.reader:
+        return Record.read(main).replace(name=data_set.name)
+    from ivtools.measured import READERS
+
+    return READERS[data_set.reader](data_set.name, data_set.part, main, *beside)
+
+
+def paths(name: str, data: str | Path | None = None) -> tuple[Path, ...]:
+    """Return every verified file of a data set, the one of `path` first."""
+    found = _found(name, data)
+    return found if found is not None else _fetched(name)
 
 
 def path(name: str, data: str | Path | None = None) -> Path:
@@ -91,7 +119,7 @@ def path(name: str, data: str | Path | None = None) -> Path:
     DataError
         The file is not there and cannot be downloaded, or it is not the right one.
     """
-    return find(name, data) or fetch(name)
+    return paths(name, data)[0]
 
 
 def find(name: str, data: str | Path | None = None) -> Path | None:
@@ -102,11 +130,18 @@ def find(name: str, data: str | Path | None = None) -> Path | None:
     DataError
         A folder that was named does not exist, or the file found is not the right one.
     """
+    found = _found(name, data)
+    return None if found is None else found[0]
+
+
+def _found(name: str, data: str | Path | None) -> tuple[Path, ...] | None:
+    """Return the verified files of a data set if one folder of this machine has them all."""
     data_set = _registered(name)
     for folder in _folders(data):
-        file = folder / data_set.filename
-        if file.is_file():
-            return _verified(file, data_set)
+        for place in dict.fromkeys((folder, folder / data_set.folder)):
+            files = [place / file for file in data_set.files]
+            if all(file.is_file() for file in files):
+                return tuple(_verified(file, data_set) for file in files)
     return None
 
 
@@ -126,20 +161,28 @@ def fetch(name: str, url: str | None = None) -> Path:
     DataError
         The download failed or is not the right file; nothing of it stays in the cache.
     """
+    return _fetched(name, url)[0]
+
+
+def _fetched(name: str, url: str | None = None) -> tuple[Path, ...]:
+    """Return the files of a data set in the user's cache, downloading what is not there."""
     data_set, cache = _registered(name), _cache()
-    file = cache / data_set.filename
-    if file.is_file():
-        return _verified(file, data_set)
+    files = [cache / file for file in data_set.files]
+    if all(file.is_file() for file in files):
+        return tuple(_verified(file, data_set) for file in files)
     url = url or os.environ.get(MIRROR_VARIABLE) or data_set.archive
     try:
         cache.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=cache, prefix="download-") as folder:
-            part = _extract(_download(url, Path(folder)), data_set)
-            return _verified(part, data_set, url).replace(file)
+            archive = _download(url, Path(folder))
+            parts = [_extract(archive, file, sha) for file, sha in data_set.files.items()]
+            checked = [_verified(part, data_set, url) for part in parts]
+            return tuple(part.replace(file) for part, file in zip(checked, files, strict=True))
     except (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        told = ", ".join(f"{file}, SHA-256 {sha}" for file, sha in data_set.files.items())
         raise DataError(
             f"{data_set.filename} is not on this machine and cannot be downloaded from {url} "
-            f"({_reason(error)}); get it from {data_set.origin}, SHA-256 {data_set.sha256}, and "
+            f"({_reason(error)}); get it from {data_set.origin} ({told}) and "
             f"put it in {cache}, or name its folder with --data or {FOLDER_VARIABLE}"
         ) from error
 
@@ -240,14 +283,18 @@ def _folders(data: str | Path | None) -> Iterator[Path]:
 
 
 def _verified(file: Path, data_set: DataSet, source: str | None = None) -> Path:
-    found = hashlib.sha256(file.read_bytes()).hexdigest()
-    if found == data_set.sha256:
+    found, expected = _sha256(file.read_bytes()), data_set.files[file.name]
+    if found == expected:
         return file
     remedy = "try again or get it from" if source else "delete it and fetch it again, or see"
     raise DataError(
-        f"{data_set.filename} from {source or file.parent} is not the file that is registered: "
-        f"SHA-256 {found}, expected {data_set.sha256}; {remedy} {data_set.origin}"
+        f"{file.name} from {source or file.parent} is not the file that is registered: "
+        f"SHA-256 {found}, expected {expected}; {remedy} {data_set.origin}"
     )
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _download(url: str, folder: Path) -> Path:
@@ -271,12 +318,18 @@ def _reason(error: BaseException) -> str:
     return " ".join(str(error).split())[:100] or type(error).__name__
 
 
-def _extract(archive: Path, data_set: DataSet) -> Path:
-    """Extract one member, in whatever folder of the archive it lies."""
+def _extract(archive: Path, filename: str, sha256: str) -> Path:
+    """Extract one member, in whatever folder of the archive it lies.
+
+    Owners rename their files: one of another name that has the checksum will do.
+    """
+    file = archive.with_name(filename)
     with zipfile.ZipFile(archive) as content:
-        for member in content.infolist():
-            if Path(member.filename).name == data_set.filename:
-                file = archive.with_name(data_set.filename)
-                file.write_bytes(content.read(member))
+        akin = [m for m in content.infolist() if Path(m.filename).suffix == file.suffix]
+        named = [m for m in akin if Path(m.filename).name == filename]
+        for member in named or akin:
+            data = content.read(member)
+            if named or _sha256(data) == sha256:
+                file.write_bytes(data)
                 return file
-    raise OSError(f"the archive holds no {data_set.filename}")
+    raise OSError(f"the archive holds no {filename}")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from ivtools import datasets
+from ivtools import axes, datasets
 from ivtools.errors import DataError
 
 
@@ -153,6 +153,27 @@ def test_folders_are_looked_in_in_order(cache, content, tmp_path, monkeypatch):
     assert datasets.find("small", folders["given"]) is None
 
 
+def test_a_folder_holds_a_set_or_a_folder_per_set(cache, content, tmp_path):
+    folder = tmp_path / "records" / datasets.REGISTRY["small"].folder
+    folder.mkdir(parents=True)
+    (folder / "SMALL.mat").write_bytes(content)
+    assert datasets.find("small", folder) == datasets.find("small", folder.parent)
+    assert datasets.load("small", folder.parent).n_samples == 300
+
+
+def test_a_set_of_several_files_is_whole_or_absent(cache, content, tmp_path, serve):
+    known = datasets.REGISTRY["small"].__dict__ | {"beside": {"PLAN.mat": sha256(b"plan")}}
+    datasets.REGISTRY["small"] = datasets.DataSet(**known)
+    (tmp_path / "SMALL.mat").write_bytes(content)
+    assert datasets.find("small", tmp_path) is None
+    serve(zipped(SMALL=content, renamed=b"plan"))
+    assert [file.read_bytes() for file in datasets.paths("small", tmp_path)] == [content, b"plan"]
+
+
+def sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
 def test_a_file_that_is_not_the_registered_one(cache, tmp_path):
     (tmp_path / "SMALL.mat").write_bytes(b"something else")
     known, found = datasets.REGISTRY["small"].sha256, hashlib.sha256(b"something else").hexdigest()
@@ -199,10 +220,12 @@ def test_load_reads_files_too(table, tmp_path):
 
 
 def test_every_registered_data_set_is_described():
-    assert set(datasets.REGISTRY) == {"emps", "emps-pulses", "twin"}
+    assert {"emps", "emps-pulses", "twin", "laas-motor-1"} <= set(datasets.REGISTRY)
     for name, known in datasets.REGISTRY.items():
         assert known.name == name
-        assert all((known.title, known.origin, known.licence, known.citation, known.axis))
+        assert all((known.title, known.origin, known.licence, known.citation))
+        assert known.axis in axes.FILES or known.name.startswith("dfki-double-pendulum")
+        assert all(len(sha256) == 64 for sha256 in known.files.values())
         assert bool(known.filename) == bool(known.archive) == (len(known.sha256) == 64)
 
 

@@ -20,6 +20,7 @@ ORDER = [
     ("record_format",),
     ("checks", "display", "readers"),
     ("record", "linalg", "pipeline"),
+    ("measured",),
     ("datasets", "physics"),
     ("robot",),
     ("loop",),

@@ -3,7 +3,6 @@
 import os
 import tracemalloc
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
+from ivtools import datasets
 from ivtools.errors import IVToolsError, ShapeError
 from ivtools.linalg import abs_diag_r, covariance, solve_iv
 from ivtools.pipeline import Pipeline
@@ -22,9 +22,9 @@ needs_records = pytest.mark.skipif(
 )
 
 
-def measured(filename):
+def measured(name):
     """Return the observation matrix (n, 4) and the force (n,) of a measured record."""
-    record = scipy.io.loadmat(Path(os.environ["IVTOOLS_DATA"]) / filename)
+    record = scipy.io.loadmat(datasets.path(name))
     _, dq, ddq = EMPS.differentiate(record["qm"], 1e-3)
     force = record["gtau"].item() * record["vir"].ravel()
     return np.hstack([ddq, dq, np.sign(dq), np.ones_like(dq)]), force
@@ -36,7 +36,7 @@ def deviations(X, resids):
 
 @pytest.fixture(scope="module")
 def estimation():
-    return measured("DATA_EMPS.mat")
+    return measured("emps")
 
 
 @needs_records
@@ -61,7 +61,7 @@ def test_abs_diag_r_of_the_report_is_that_before_decimation(estimation):
     assert abs_diag_r(full_rate.rows(estimation[0])).round(4).tolist() == [
         64.1376, 13.9005, 69.1706, 157.4483,
     ]  # fmt: skip
-    pulses, _ = measured("DATA_EMPS_PULSES.mat")
+    pulses, _ = measured("emps-pulses")
     assert abs_diag_r(full_rate.rows(pulses)).round(4).tolist() == [
         72.1282, 13.9021, 69.1914, 157.4499,
     ]  # fmt: skip
@@ -70,7 +70,7 @@ def test_abs_diag_r_of_the_report_is_that_before_decimation(estimation):
 @needs_records
 def test_cross_test_of_the_report(estimation):
     theta = solve_iv(*(EMPS.rows(columns) for columns in estimation))
-    X, y = (EMPS.rows(columns) for columns in measured("DATA_EMPS_PULSES.mat"))
+    X, y = (EMPS.rows(columns) for columns in measured("emps-pulses"))
     e = y - X @ theta
     assert round(np.linalg.norm(e), 4) == 169.4876
     assert round(100 * np.linalg.norm(e) / np.linalg.norm(y), 4) == 5.9824

@@ -57,7 +57,7 @@ def residual(file: str, model: str) -> Background:
     `asymmetric` has its own viscous and Coulomb friction for each direction, `curved` six more
     functions of the speed, `full` twelve more of position, direction and time.
     """
-    raw = io.loadmat(Path(os.environ["IVTOOLS_DATA"]) / file)
+    raw = io.loadmat(next(Path(os.environ["IVTOOLS_DATA"]).rglob(file)))
     q, tau, ref = (np.ravel(raw[k]).astype(float) for k in ("qm", "vir", "qg"))
     q, tau = _low(q), GAIN * _low(tau)
     X = _columns(q, tau, model)

@@ -1,7 +1,7 @@
 """Registered axes: everything known about an axis, as an axis file.
 
 ``iv.axes.emps()`` is the loop of ``emps.toml`` beside this file; every axis file in this folder is
-a function of that name.
+a function of that name, ``iv.axes.laas_motor()`` of ``laas-motor.toml``.
 """
 
 from __future__ import annotations
@@ -15,7 +15,12 @@ from ..errors import AxisError
 if TYPE_CHECKING:
     from ..loop import ClosedLoop
 
-FILES = {path.stem: path for path in sorted(Path(__file__).parent.glob("*.toml"))}
+_FOUND = sorted(path.stem for path in Path(__file__).parent.glob("*.toml"))
+#: Axis files by name; the one that examples use comes first.
+FILES = {
+    name: Path(__file__).parent / f"{name}.toml"
+    for name in sorted(_FOUND, key=lambda name: name != "emps")
+}
 
 
 def path(name: str) -> Path:
@@ -32,14 +37,15 @@ def path(name: str) -> Path:
 
 
 def __getattr__(name: str) -> Callable[[], ClosedLoop]:
-    if name not in FILES:
+    stem = name.replace("_", "-")
+    if stem not in FILES:
         raise AttributeError(f"module 'ivtools.axes' has no attribute {name!r}")
 
     def axis() -> ClosedLoop:
         from ..loop import ClosedLoop
 
-        return ClosedLoop.from_file(FILES[name])
+        return ClosedLoop.from_file(FILES[stem])
 
     axis.__name__ = axis.__qualname__ = name
-    axis.__doc__ = f"Return the loop of the registered axis {name}."
+    axis.__doc__ = f"Return the loop of the registered axis {stem}."
     return axis

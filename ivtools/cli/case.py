@@ -71,9 +71,9 @@ def own_axis(record: str) -> str:
     """Return the axis that a data set was recorded on."""
     from ivtools.registry import REGISTRY
 
-    if record in REGISTRY:
+    if record in REGISTRY and REGISTRY[record].axis:
         return REGISTRY[record].axis
-    if not Path(record).exists():
+    if record not in REGISTRY and not Path(record).exists():
         known = ", ".join(REGISTRY)
         raise DataError(f"{record}: there is no such file and no such data set ({known})")
     raise AxisError(

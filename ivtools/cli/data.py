@@ -45,6 +45,7 @@ def _entry(name: str, data: Path | None) -> dict[str, Any]:
         "title": data_set.title,
         "file": place,
         "sha256": data_set.sha256 or None,
+        "files": data_set.files,
         "origin": data_set.origin,
         "licence": data_set.licence,
         "citation": data_set.citation,
