@@ -62,6 +62,9 @@ class Pipeline:
         Rows where the speed is below this are dropped (m/s or rad/s); 0 keeps every row.
     guard : int
         Samples dropped on either side of a slow sample as well.
+    blank : bool
+        Set what is dropped for its speed to 0 before the decimation, whose filter otherwise spreads
+        it over the rows that stay. 0 = 0 theta holds whatever theta, so nothing else changes.
 
     Raises
     ------
@@ -89,6 +92,7 @@ class Pipeline:
     force_shift: float = 0.0
     min_speed: float = 0.0
     guard: int = 0
+    blank: bool = False
 
     def __post_init__(self) -> None:
         """Refuse settings that make no sense."""
@@ -264,7 +268,14 @@ class Pipeline:
         kept = np.arange(head + (left - 1) % self.decimation, n - tail, self.decimation)
         if self.min_speed == 0.0:
             return kept
-        return kept[~self._slow_near(kept, n, speed)]
+        moving = self.moving(n, speed)[kept]
+        _require(
+            bool(moving.any()),
+            "min_speed",
+            self.min_speed,
+            "masks every row; lower it, or shorten the guard",
+        )
+        return kept[moving]
 
     def rows(self, columns: Array, speed: Array | None = None) -> Array:
         """Trim, decimate and mask columns: one filter call for all of them.
@@ -298,14 +309,17 @@ class Pipeline:
         samples = self.samples(len(columns), speed)
         if self.decimation == 1:
             return columns[samples]
+        if self.blank and self.min_speed > 0.0:
+            moving = self.moving(len(columns), speed)
+            columns = np.where(moving.reshape(-1, *[1] * (columns.ndim - 1)), columns, 0.0)
         kept = columns[head : len(columns) - tail]
         smooth = _forward_backward(
             _chebyshev(self.decimation), _columns(kept), pad=3 * DECIMATION_ORDER
         )
         return smooth[samples - head].reshape(-1, *columns.shape[1:])
 
-    def _slow_near(self, kept: NDArray[np.intp], n: int, speed: Array | None) -> NDArray[np.bool_]:
-        """Whether a sample slower than `min_speed` lies within the guard of each kept one."""
+    def moving(self, n: int, speed: Array | None) -> NDArray[np.bool_]:
+        """Return which of n samples have none slower than `min_speed` within the guard, (n,)."""
         if speed is None:
             raise IVToolsError(
                 f"min_speed = {self.min_speed:g} needs the speed of every sample; "
@@ -315,15 +329,9 @@ class Pipeline:
         if len(slow) != n:
             raise ShapeError(f"speed has {len(slow)} samples and the columns {n}; both must match")
         until = np.concatenate([[0], np.cumsum(slow, dtype=np.int32)])
-        last = np.minimum(kept + self.guard + 1, n)
-        near = until[last] > until[np.maximum(kept - self.guard, 0)]
-        _require(
-            not near.all(),
-            "min_speed",
-            self.min_speed,
-            "masks every row; lower it, or shorten the guard",
-        )
-        return near
+        k = np.arange(n)
+        last = np.minimum(k + self.guard + 1, n)
+        return np.asarray(until[last] == until[np.maximum(k - self.guard, 0)])
 
 
 def _require(holds: bool, name: str, value: object, rule: str) -> None:

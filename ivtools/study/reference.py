@@ -51,6 +51,8 @@ class Trapezoids:
         Lengths (m or rad) and cruising speeds (m/s or rad/s) of the moves.
     acceleration : float
         m/s2 or rad/s2.
+    pause : float
+        Rest behind each stroke, s.
 
     Examples
     --------
@@ -64,9 +66,12 @@ class Trapezoids:
     strokes: tuple[float, ...] = STROKES
     speeds: tuple[float, ...] = SPEEDS
     acceleration: float = 1.2
+    pause: float = 0.0
 
     def __post_init__(self) -> None:
         _check_positive(self, "duration", "strokes", "speeds", "acceleration")
+        if not 0.0 <= self.pause < np.inf:
+            raise IVToolsError(f"Trapezoids pause = {self.pause!r} must be 0 or more, and finite")
         if len(self.strokes) != len(self.speeds):
             raise IVToolsError(
                 f"{len(self.strokes)} strokes and {len(self.speeds)} speeds; give one per move"
@@ -74,7 +79,7 @@ class Trapezoids:
 
     def position(self, t: Array) -> Array:
         """Return the position reference (n,) at the times (n,)."""
-        return _moves(t, self.strokes, self.speeds, self.acceleration)
+        return _moves(t, self.strokes, self.speeds, self.acceleration, self.pause)
 
     def scaled(self, factor: float) -> Trapezoids:
         """Return the same moves, longer and faster by this factor."""
@@ -214,23 +219,28 @@ KINDS: dict[str, type] = {"trapezoids": Trapezoids, "bang-bang": BangBang, "mult
 
 
 def _moves(
-    t: Array, strokes: tuple[float, ...], speeds: tuple[float, ...], acceleration: float
+    t: Array,
+    strokes: tuple[float, ...],
+    speeds: tuple[float, ...],
+    acceleration: float,
+    pause: float = 0.0,
 ) -> Array:
     """Return moves out and back, over and over; no speed exceeds what the stroke allows.
 
     Only whole moves are made, and all are slowed alike so that the last ends with the record: a
-    motion cut off spoils the acceleration that filters make of it, and a pause says nothing.
+    motion cut off spoils the acceleration that filters make of it, and a rest at the end says
+    nothing.
     """
     limits = [(s, min(v, np.sqrt(s * acceleration))) for s, v in zip(strokes, speeds, strict=True)]
     moves = [(speed, speed / acceleration, stroke / speed) for stroke, speed in limits]
     made: list[tuple[float, float, float, float]] = []
     end = 0.0
     for speed, ramp, cruise in cycle(moves):
-        if made and end + 2.0 * (ramp + cruise) > t[-1]:
+        if made and end + 2.0 * (ramp + cruise + pause) > t[-1]:
             break
         for sign in (1.0, -1.0):
             made.append((end, sign * speed, ramp, cruise))
-            end += ramp + cruise
+            end += ramp + cruise + pause
     position, t = np.zeros_like(t), t * min(1.0, end / t[-1])
     for start, speed, ramp, cruise in made:
         position += speed * (_ramped(t - start, ramp) - _ramped(t - start - cruise, ramp))
