@@ -63,8 +63,9 @@ class Pipeline:
     guard : int
         Samples dropped on either side of a slow sample as well.
     blank : bool
-        Set what is dropped for its speed to 0 before the decimation, whose filter otherwise spreads
-        it over the rows that stay. 0 = 0 theta holds whatever theta, so nothing else changes.
+        Set what is trimmed, and what is dropped for its speed, to 0 before the decimation, whose
+        filter otherwise spreads it over the rows that stay, and starts from a sample of noise.
+        0 = 0 theta holds whatever theta, so nothing else changes.
 
     Raises
     ------
@@ -114,6 +115,7 @@ class Pipeline:
             ),
             "min_speed": (0.0 <= self.min_speed < np.inf, "must be 0 or more, in m/s or rad/s"),
             "guard": (_is_whole(self.guard, 0), "must be a whole number of samples, 0 or more"),
+            "blank": (isinstance(self.blank, bool), "must be true or false"),
         }
         for name, (holds, rule) in rules.items():
             _require(holds, name, getattr(self, name), rule)
@@ -305,18 +307,24 @@ class Pipeline:
         (200, 4)
         """
         columns = np.asarray(columns, dtype=float)
-        head, tail = self.trim
         samples = self.samples(len(columns), speed)
         if self.decimation == 1:
             return columns[samples]
-        if self.blank and self.min_speed > 0.0:
-            moving = self.moving(len(columns), speed)
-            columns = np.where(moving.reshape(-1, *[1] * (columns.ndim - 1)), columns, 0.0)
+        head, tail = (0, 0) if self.blank else self.trim
         kept = columns[head : len(columns) - tail]
+        if self.blank:
+            kept = np.where(self._used(len(kept), speed)[:, np.newaxis], _columns(kept), 0.0)
         smooth = _forward_backward(
             _chebyshev(self.decimation), _columns(kept), pad=3 * DECIMATION_ORDER
         )
         return smooth[samples - head].reshape(-1, *columns.shape[1:])
+
+    def _used(self, n: int, speed: Array | None) -> NDArray[np.bool_]:
+        """Return which of n samples are neither trimmed nor masked, (n,)."""
+        used = np.ones(n, dtype=bool) if self.min_speed == 0.0 else self.moving(n, speed)
+        used[: self.trim[0]] = False
+        used[n - self.trim[1] :] = False
+        return used
 
     def moving(self, n: int, speed: Array | None) -> NDArray[np.bool_]:
         """Return which of n samples have none slower than `min_speed` within the guard, (n,)."""

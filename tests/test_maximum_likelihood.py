@@ -84,8 +84,9 @@ def test_the_noise_of_the_rows_is_that_of_the_pipeline():
 
 def test_the_noise_of_the_position_is_read_from_the_record(twin):
     problem = simulated(twin, 3e-6, 2.0, samples=12000)
-    assert position_noise(problem) == pytest.approx(3e-6, rel=0.05)
-    assert position_noise(Problem(problem.record, problem.loop, Pipeline(None, 10))) == 0.0
+    record, motion = problem.record, problem.motion
+    assert position_noise(problem.pipeline, record, motion) == pytest.approx(3e-6, rel=0.05)
+    assert position_noise(Pipeline(None, 10), record, motion) == 0.0
 
 
 def test_a_noise_that_is_none_is_refused():

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-import ivtools as iv
 from ivtools.loop import ClosedLoop, Controller
 from ivtools.study import BangBang, Case, Multisine, Trapezoids
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ivtools.errors import EstimationError
 from ivtools.estimators.noise import NoiseModel
 from ivtools.linalg import influence
+from ivtools.loop.bandwidth import axis_response
 
 if TYPE_CHECKING:
     from ivtools.loop import ClosedLoop
@@ -35,7 +36,7 @@ def cramer_rao(
     """Return the smallest covariance of an unbiased estimate from the record's reference.
 
     The measured position of the closed loop is that of the simulation, q_s(theta), plus the noise
-    that passes the loop, whose spectrum follows from the python-control model. With S the
+    that passes the loop, whose spectrum follows from the loop's responses. With S the
     sensitivities of q_s and W the filter that whitens that noise, the bound is the inverse of
     (W S)'(W S). Noise that dry friction makes out of noise at a reversal is not in it, and
     neither is what the noise itself excites. benchmarks/consistency.py checks it: generalised
@@ -103,20 +104,14 @@ def position_autocovariance(
     """Return the autocovariance (MEMORY + 1,) of the noise of the measured position.
 
     The loop is taken without dry friction, with the mean of the viscous friction of both
-    directions. A force d reaches the position as q = H d / gain, where H is the response to the
-    added input; a position error w reaches the measured position as (1 + C H) w, where C is the
-    response of the command to the measured position.
+    directions. With P the response of the position to a force and C that of the force to the
+    measured position, a force d reaches the position as q = H d, H = P/(1 - C P), and a position
+    error w the measured position as (1 + C H) w.
     """
-    import control
-
     viscous = [value for name, value in theta.items() if name.startswith("viscous")]
-    rigid = {"inertia": theta["inertia"], "viscous": float(np.mean(viscous or [0.0]))}
-    system = loop.with_terms(*rigid).system(rigid, dt=dt)
-    closed = control.linearize(system, np.zeros(system.nstates), np.zeros(3))
     z = np.exp(1j * np.pi * np.arange(1, _GRID + 1) / _GRID)  # the mode at z = 1 is left out
-    H = closed[0, 2](z)
-    law, delay = loop.controller.law(dt), loop.controller.delay
-    C = law.response(z)
-    error = np.abs(1.0 + C * z**-delay * H) ** 2 * position**2
-    power = np.abs(H / loop.gain) ** 2 * force**2 + error
+    P = axis_response(theta["inertia"], float(np.mean(viscous or [0.0])), loop.delay, dt, z)
+    C = loop.gain * loop.controller.law(dt).response(z) * z**-loop.controller.delay
+    H = P / (1.0 - C * P)
+    power = np.abs(H) ** 2 * force**2 + np.abs(1.0 + C * H) ** 2 * position**2
     return np.fft.irfft(np.concatenate([power[:1], power]))[: MEMORY + 1]

@@ -88,12 +88,14 @@ class IDIMBCIV(IDIMIV):
 def settled_rows(problem: Problem) -> NDArray[np.intp]:
     """Return the rows that no filter has extrapolated into.
 
-    The decimation filter rings over some rows at either end. The band-pass spoils what the
-    pipeline trims at its head, at the tail as well, where most of that are the same rows.
+    The decimation filter rings over some rows at either end, unless they are blank. The band-pass
+    spoils what the pipeline trims at its head, at the tail as well, where most of that are the
+    same rows.
     """
     pipeline, record = problem.pipeline, problem.record
     head, tail = pipeline.trim
-    ringing = SETTLING_ROWS * pipeline.decimation if pipeline.decimation > 1 else 0
+    rings = pipeline.decimation > 1 and not pipeline.blank
+    ringing = SETTLING_ROWS * pipeline.decimation if rings else 0
     first = record.t[head] + (ringing - 0.5) * record.dt
     last = record.t[-1] - (max(head, tail + ringing) - 0.5) * record.dt
     kept = np.flatnonzero((problem.t > first) & (problem.t < last))

@@ -50,9 +50,10 @@ class DIDIM(Estimator):
     scale_gain : bool
         While a step changes theta by more than 10 %, simulate the loop with its gain scaled to
         the inertia (`Problem.scaled_loop`): convergence from far off, to the same result.
-    filtered : bool
+    filtered : bool, optional
         Band-pass the simulated position. The simulation is free of noise and y does not pass that
-        filter, so X_s need not either.
+        filter, so X_s need not either; but a force that the pipeline shifts to the time of the
+        differences asks for differences on this side as well. Default: if it is shifted.
 
     References
     ----------
@@ -74,7 +75,7 @@ class DIDIM(Estimator):
     max_iter: int = 20
     start: Start = "axis"
     scale_gain: bool = True
-    filtered: bool = False
+    filtered: bool | None = None
 
     def __post_init__(self) -> None:
         """Refuse a tolerance or a number of iterations that makes no sense."""
@@ -83,7 +84,9 @@ class DIDIM(Estimator):
     def estimate(self, problem: Problem) -> FitResults:
         """Iterate y (N,) = X_s(theta_k) (N, p) theta_(k+1) (p,)."""
         theta = starting_values(problem, self.start)
-        way = Way(problem, self.filtered)
+        shifted = problem.pipeline.force_shift != 0.0
+        filtered = shifted if self.filtered is None else self.filtered
+        way = Way(problem, filtered)
         at = near(way, theta, self.max_iter) if self.scale_gain else way.simulate(theta)
         rho, halved, converged = np.inf, False, False
         while not converged and way.n_iter < self.max_iter:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ivtools.errors import EstimationError
 from ivtools.estimators.base import Estimator
 from ivtools.linalg import solve_iv
+from ivtools.loop.default_pipeline import position_noise
 from ivtools.pipeline import Motion, Pipeline
 from ivtools.results import FitResults
 
@@ -86,7 +87,8 @@ class ML(Estimator):
         """Minimise the negative log-likelihood of y (N,), X (N, p)."""
         X, y = problem.X, problem.y
         std = self.position_noise
-        std = position_noise(problem) if std is None else std
+        if std is None:
+            std = position_noise(problem.pipeline, problem.record, problem.motion)
         S = std**2 * noise_covariance(problem.pipeline, problem.record.dt)  # (3, 3)
         B = sensitivities(problem)  # (N, 3, p)
         start = {**problem.start, **(self.start or {})}
@@ -225,19 +227,3 @@ def noise_covariance(pipeline: Pipeline, dt: float) -> Array:
     signals = [plain.rows(s).ravel() for s in plain.differentiate(impulses, dt)]
     responses = np.column_stack(signals)
     return responses.T @ responses
-
-
-def position_noise(problem: Problem) -> float:
-    """Return the deviation of the position's white noise, from what the band-pass removes.
-
-    The upper half of the removed band is taken, where the motion has no part; 0 without a filter.
-    """
-    cutoff, dt = problem.pipeline.cutoff_hz, problem.record.dt
-    if cutoff is None:
-        return 0.0
-    removed = (problem.record.q - problem.motion.q)[problem.pipeline.trim[0] :, 0]
-    power = np.abs(np.fft.rfft(removed * np.hanning(len(removed)))) ** 2
-    power /= np.sum(np.hanning(len(removed)) ** 2)
-    hz = np.fft.rfftfreq(len(removed), dt)
-    upper = hz >= 0.5 * (cutoff + hz[-1])
-    return float(np.sqrt(np.median(power[upper]) / np.log(2.0)))

@@ -208,7 +208,7 @@ def _bounded(loop: ClosedLoop, name: str, value: float, change: float) -> float:
 
 def start(fold: Fold, loop: ClosedLoop) -> dict[str, float]:
     """Return starting values from the inverse model by least squares."""
-    problem = Problem(fold.record, loop)
+    problem = Problem(fold.record, loop, loop.pipeline(fold.record, "report"))
     theta = solve_iv(problem.X, problem.y, names=problem.names)
     found = dict(zip(problem.names, theta.tolist(), strict=True))
     for name, p in loop.parameters.items():

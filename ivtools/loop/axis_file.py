@@ -15,6 +15,7 @@ import numpy as np
 from ..columns import SIGNALS, UNITS
 from ..errors import AxisError, IVToolsError
 from ..physics import TERMS
+from ..pipeline import Pipeline
 from ..record_format import RecordFormat, signal_of
 from ..units import parse
 from .closed_loop import ClosedLoop
@@ -28,6 +29,7 @@ _TABLES: dict[str, tuple[str, ...]] = {
     "controller": COMMON,
     "drive": ("gain", "delay"),
     "model": ("terms", "start"),
+    "pipeline": ("rule", *(f.name for f in fields(Pipeline))),
 }
 #: What a number alone in these keys is for.
 _RELATIVE = {"rated": ("%",), "counts_per_unit": ("counts", "counts/s")}
@@ -76,6 +78,7 @@ def from_tables(tables: Mapping[str, Any]) -> ClosedLoop:
         delay=_number("drive", "delay", drive.get("delay", 0.0)),
         start={key: _number("model.start", key, value) for key, value in start.items()},
         log=_log(tables.get("record", {}), joint),
+        rows={k: tuple(v) if k == "trim" else v for k, v in tables.get("pipeline", {}).items()},
     )
 
 
@@ -221,6 +224,7 @@ def write(loop: ClosedLoop) -> str:
         "drive": {"gain": loop.gain, "delay": loop.delay},
         "model": {"terms": [term.name for term in loop.terms]},
         "model.start": loop.start,
+        "pipeline": {k: list(v) if k == "trim" else v for k, v in loop.rows.items()},
     }
     blocks = [
         "\n".join([f"[{name}]", *(f"{_key(k)} = {_toml(v)}" for k, v in content.items())])

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .controllers import LinearLaw
-
 if TYPE_CHECKING:
     from .closed_loop import ClosedLoop
 
@@ -54,7 +52,7 @@ def bandwidth_hz(loop: ClosedLoop, inertia: float, viscous: float, dt: float) ->
     """
     hz = np.geomspace(1e-5, 1.0, _GRID) * 0.5 / dt
     z = np.exp(2j * np.pi * hz * dt)
-    law = law_response(loop.controller.law(dt), z) * z**-loop.controller.delay
+    law = loop.controller.law(dt).response(z) * z**-loop.controller.delay
     axis = axis_response(inertia, viscous, loop.delay, dt, z) * loop.gain
     log_gain = np.log(np.maximum(np.abs(law * axis), np.finfo(float).tiny))  # (_GRID,)
     above = np.flatnonzero(log_gain > 0.0)
@@ -63,16 +61,6 @@ def bandwidth_hz(loop: ClosedLoop, inertia: float, viscous: float, dt: float) ->
     last = min(int(above[-1]), _GRID - 2)
     part = np.clip(log_gain[last] / (log_gain[last] - log_gain[last + 1]), 0.0, 1.0)
     return float(hz[last] * (hz[last + 1] / hz[last]) ** part)
-
-
-def law_response(law: LinearLaw, z: Response) -> Response:
-    """Return the command of a law per measured position at these z, without its delay."""
-    response = sum(tap * z**-i for i, tap in enumerate(law.taps)) + 0j * z
-    if len(law.C):
-        poles = z[:, np.newaxis, np.newaxis] * np.eye(len(law.C)) - law.A
-        inner = np.linalg.solve(poles, np.broadcast_to(law.B[:, 1:], (len(z), len(law.C), 1)))
-        response = response + inner[:, :, 0] @ law.C + law.D[1]
-    return np.asarray(response)
 
 
 def axis_response(inertia: float, viscous: float, late: float, dt: float, z: Response) -> Response:

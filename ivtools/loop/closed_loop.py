@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import control
 
     from .controller_fit import ControllerFit
+    from .default_pipeline import Rule
 
 _LONGEST_DELAY = 10.0  # s; what is longer is a slip of the unit
 Initial = Literal["record", "rest"] | tuple[float, float]
@@ -50,6 +51,8 @@ class ClosedLoop(Model):
         Starting values of parameters, and values of shape parameters, by full name.
     log : RecordFormat
         How the columns of a record file become signals: their names, units and rate.
+    rows : mapping
+        What the default `Pipeline` is to be like: its `rule`, and settings instead of the rule's.
     notes : tuple of str
         What to say with every result, such as where the controller comes from.
 
@@ -76,6 +79,7 @@ class ClosedLoop(Model):
     delay: float = 0.0
     start: Mapping[str, float] = field(default_factory=dict)
     log: RecordFormat = field(default_factory=RecordFormat)
+    rows: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -98,6 +102,10 @@ class ClosedLoop(Model):
                 raise AxisError(f"start value {key!r} is not a parameter; parameters: {known}")
             if isnan(self.start[key]):
                 raise AxisError(f"start value {key} is nan; give a number")
+        known_rows = ["rule", *(f.name for f in fields(Pipeline))]
+        for key in self.rows:
+            if key not in known_rows:
+                raise AxisError(f"[pipeline] has no {key!r}; it has {', '.join(known_rows)}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = [getattr(self, f.name) for f in fields(self) if f.name != "terms"]
@@ -331,9 +339,10 @@ class ClosedLoop(Model):
         return system(self, self.values(theta), dt, substeps or self.substeps)
 
     def natural_frequency_hz(self, dt: float, inertia: float | None = None) -> float:
-        """Return the natural frequency of the loop's dominant mode, Hz.
+        """Return the bandwidth of the rigid loop without dry friction, Hz.
 
-        It is that of the linearised rigid loop without dry friction.
+        It is the gain crossover, between the natural frequency of the loop's highest mode and its
+        -3 dB bandwidth; see `ivtools.loop.bandwidth`.
 
         Parameters
         ----------
@@ -342,28 +351,47 @@ class ClosedLoop(Model):
         inertia : float, optional
             In kg or kg m2; default: the starting value.
         """
-        from .mode import dominant_mode_hz
+        from .bandwidth import bandwidth_hz
 
         inertia = self.values()["inertia"] if inertia is None else inertia
         viscous = self.start.get("viscous", self.start.get("viscous_pos", 0.0))
-        return dominant_mode_hz(self, inertia, viscous, dt)
+        return bandwidth_hz(self, inertia, viscous, dt)
 
-    def pipeline(self, record: Record, **settings: Any) -> Pipeline:
-        """Return the pipeline that this loop's bandwidth asks for.
+    def pipeline(self, record: Record, rule: Rule | None = None, **settings: Any) -> Pipeline:
+        """Return the pipeline that this loop's bandwidth and the record ask for.
 
-        The natural frequency is taken to one significant digit, as the EMPS report does, then its
-        rules apply: cut-off at 5 times, decimation to 2 times that frequency.
+        The bandwidth is taken to one significant digit, as the EMPS report does, then its rules
+        apply: cut-off at 5 times, decimation to 2 times that frequency.
+
+        Parameters
+        ----------
+        record : Record
+        rule : {"record", "report"}, optional
+            "report" is that and no more. "record" also trims both ends, puts the force at the time
+            of the position, and masks what moves too slowly to have a direction: less than 2 % of
+            the highest speed, or than 6 standard deviations of the velocity's noise, and a period
+            of the cut-off on either side; a model with an effect that shows there (Stribeck's)
+            keeps every row. Default: that of the axis file, else "record".
+        **settings
+            Any parameter of `Pipeline`, used instead of the rule's and the axis file's. One of
+            `min_speed` and `guard` switches the rule of both off.
+
+        Raises
+        ------
+        AxisError
+            If the loop has no bandwidth, or the rule is unknown.
+
+        Examples
+        --------
+        >>> import ivtools as iv
+        >>> iv.axes.emps().pipeline(iv.datasets.twin()).cutoff_hz
+        100.0
         """
-        from .rough_inertia import rough_inertia
+        from .default_pipeline import default_pipeline
 
-        inertia = self.start.get("inertia") or rough_inertia(self, record)
-        natural = self.known(record).natural_frequency_hz(record.dt, inertia)
-        if not natural > 0.0:
-            raise AxisError(
-                "the closed loop has no mode of its own; check the controller's gains, or give a "
-                "Pipeline"
-            )
-        return Pipeline.from_bandwidth(float(f"{natural:.0e}"), record.sampling_hz, **settings)
+        given = {**self.rows, **settings}
+        asked = given.pop("rule", "record")
+        return default_pipeline(self, record, rule or asked, **given)
 
 
 _IDENTIFIED: WeakKeyDictionary[Record, dict[tuple[float, float], ControllerFit]] = (

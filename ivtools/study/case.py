@@ -127,7 +127,15 @@ class Case:
     @property
     def _fit(self) -> list[Any]:
         loop = self.model
-        return [loop_text(loop), loop.start, self.pipeline, self.start, self.expected, self.holdout]
+        return [
+            loop_text(loop),
+            loop.start,
+            loop.rows,
+            self.pipeline,
+            self.start,
+            self.expected,
+            self.holdout,
+        ]
 
     @property
     def model(self) -> ClosedLoop:
@@ -194,7 +202,7 @@ class Case:
             return self.pipeline
         loop = self.loop if self.fitted is None else self.fitted  # not the case's starting values
         rows = loop.pipeline(self.record(HOLDOUT), **self.pipeline)
-        if "trim" in self.pipeline:
+        if "trim" in self.pipeline or rows.trim[1]:
             return rows
         edge = rows.trim[0] + (SETTLING_ROWS * rows.decimation if rows.decimation > 1 else 0)
         return replace(rows, trim=(edge, edge))

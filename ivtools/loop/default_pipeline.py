@@ -1,0 +1,97 @@
+"""The default pipeline: filters from the loop's bandwidth, alignment and mask from the record."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import pi, sqrt
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import AxisError
+from ..pipeline import Pipeline
+from .rough_inertia import rough_inertia
+
+if TYPE_CHECKING:
+    from ..pipeline import Motion
+    from ..record import Record
+    from .closed_loop import ClosedLoop
+
+Array = NDArray[np.float64]
+Rule = Literal["record", "report"]
+
+SLOWLY = ("stribeck", "regularised-coulomb", "presliding", "sqrt-viscous", "backlash")
+"""Effects that show at low speed: a model with one of them keeps every row."""
+
+SLOW = 0.02  # of the highest speed: slower is a reversal or a standstill
+CERTAIN = 6.0  # standard deviations of the velocity's noise: faster has a direction
+LEAST = 0.2  # of the rows a mask must leave
+
+
+def default_pipeline(loop: ClosedLoop, record: Record, rule: Rule, **settings: Any) -> Pipeline:
+    """Return the pipeline of a record; see `ClosedLoop.pipeline`."""
+    if rule not in get_args(Rule):
+        raise AxisError(f"pipeline rule {rule!r} is unknown; use {' or '.join(get_args(Rule))}")
+    inertia = loop.start.get("inertia") or rough_inertia(loop, record)
+    natural = loop.known(record).natural_frequency_hz(record.dt, inertia)
+    if not natural > 0.0:
+        raise AxisError(
+            "the closed loop has no mode of its own; check the controller's gains, or give a "
+            "Pipeline"
+        )
+    hz = float(f"{natural:.0e}")
+    if rule == "report":
+        return Pipeline.from_bandwidth(hz, record.sampling_hz, **settings)
+    # A command held from sample k to k + 1, and late, acts at sample k as the mean of two.
+    aligned = {"force_shift": 0.5 + loop.delay / record.dt, "blank": True}
+    pipeline = Pipeline.from_bandwidth(hz, record.sampling_hz, **aligned | settings)
+    if "trim" not in settings:
+        pipeline = replace(pipeline, trim=2 * pipeline.trim[:1])  # filters extrapolate at both ends
+    slow = {term.name for term in loop.terms} & {*SLOWLY}
+    return pipeline if slow or {"min_speed", "guard"} & {*settings} else _masked(pipeline, record)
+
+
+def _masked(pipeline: Pipeline, record: Record) -> Pipeline:
+    """Mask what is too slow to have a direction, as far as enough rows are left.
+
+    Around a reversal dry friction changes its sign within a sample and the low-pass does not: it
+    smears the acceleration over a period of the cut-off, and the velocity's sign is noise.
+    """
+    motion = pipeline.differentiate(record.q, record.dt)
+    speed = np.abs(motion.dq[:, 0])
+    noise = velocity_noise(pipeline, record, motion)
+    least = max(SLOW * float(speed.max()), CERTAIN * noise)
+    cutoff = pipeline.cutoff_hz
+    guard = pipeline.decimation if cutoff is None else int(round(record.sampling_hz / cutoff))
+    while least > 1e-3 * SLOW * speed.max():
+        masked = replace(pipeline, min_speed=least, guard=guard)
+        if masked.moving(len(speed), speed).mean() >= LEAST:
+            return masked
+        least, guard = 0.5 * least, guard // 2
+    return pipeline
+
+
+def velocity_noise(pipeline: Pipeline, record: Record, motion: Motion) -> float:
+    """Return the deviation of the noise of the band-passed velocity, m/s or rad/s."""
+    cutoff = pipeline.cutoff_hz
+    if cutoff is None:
+        return 0.0
+    white = position_noise(pipeline, record, motion)
+    return 2.0 * pi * cutoff * white * sqrt(2.0 / 3.0 * cutoff * record.dt)
+
+
+def position_noise(pipeline: Pipeline, record: Record, motion: Motion) -> float:
+    """Return the deviation of the position's white noise, from what the band-pass removes.
+
+    The upper half of the removed band is taken, where the motion has no part; 0 without a filter.
+    """
+    cutoff, dt = pipeline.cutoff_hz, record.dt
+    if cutoff is None:
+        return 0.0
+    removed = (record.q - motion.q)[pipeline.trim[0] :, 0]
+    power = np.abs(np.fft.rfft(removed * np.hanning(len(removed)))) ** 2
+    power /= np.sum(np.hanning(len(removed)) ** 2)
+    hz = np.fft.rfftfreq(len(removed), dt)
+    upper = hz >= 0.5 * (cutoff + hz[-1])
+    return float(np.sqrt(np.median(power[upper]) / np.log(2.0)))
