@@ -298,7 +298,8 @@ class Problem:
         """Least squares of the model's terms, or, if its inertia is absurd, beside others."""
         theta = solve_iv(self.X, self.y, names=self.names)
         if "inertia" in self.names and not self._plausible(theta[self.names.index("inertia")]):
-            places = self.pipeline.rows(position_columns(self.motion.q[:, 0], self.loop.joint))
+            places = position_columns(self.motion.q[:, 0], self.loop.joint)
+            places = self.pipeline.rows(places, self._speed)
             theta = start_values(self.X, self.y, places)
         return dict(zip(self.names, theta.tolist(), strict=True))
 

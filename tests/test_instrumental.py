@@ -208,7 +208,7 @@ def test_a_loop_that_is_never_stable_is_not_an_exception(problem):
     with pytest.warns(ConvergenceWarning):
         fit = IDIMIV().fit(wild)
     assert not fit.converged
-    assert "failed" in fit.notes[0]
+    assert any("failed" in note for note in fit.notes)
     np.testing.assert_allclose(fit.params, IDIMLS().fit(wild).params)
 
 

@@ -48,7 +48,7 @@ def bandwidth_hz(loop: ClosedLoop, inertia: float, viscous: float, dt: float) ->
     --------
     >>> import ivtools as iv
     >>> round(bandwidth_hz(iv.axes.emps(), 95.0, 200.0, 1e-3))
-    22
+    23
     """
     hz = np.geomspace(1e-5, 1.0, _GRID) * 0.5 / dt
     z = np.exp(2j * np.pi * hz * dt)
