@@ -31,6 +31,7 @@ _FEWEST = 40  # rows of a regression
 _NOTHING = 1e-8  # share of a column's norm that is rounding
 _WITHIN = 1e-6  # share of a column outside a span that it belongs to
 _AGREE, _CLEAR, _SURE = 3.0, 2.0, 6.0  # standard errors: the same, not 0, an accusation
+_ALIKE = 0.8  # correlation of an accusation
 
 
 class Shown(NamedTuple):
@@ -59,8 +60,12 @@ class Shown(NamedTuple):
 
     @property
     def negative(self) -> bool:
-        """Whether the force certainly pushes against the acceleration."""
-        return self.t < -_SURE
+        """Whether the force certainly pushes against the acceleration, and does little else.
+
+        A large unknown force, such as that of a compensation or from outside, may well be against
+        the acceleration; with a wrong sign nearly all of the force is.
+        """
+        return self.t < -_SURE and self.correlation < -_ALIKE
 
 
 def position_columns(q: Array, joint: str) -> Array:
