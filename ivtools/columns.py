@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ivtools.errors import IVToolsError, RecordError, ShapeError
+from ivtools.errors import IVToolsError, RecordError, ShapeError, shown
 from ivtools.units import parse
 
 __all__ = [
@@ -18,7 +18,6 @@ __all__ = [
     "match_columns",
     "pick_further",
     "plain_name",
-    "shown",
     "stack",
 ]
 
@@ -211,15 +210,3 @@ def _by_joint(signal: str, found: Mapping[str, str]) -> list[str]:
 def _listed(names: list[str]) -> str:
     some = ", ".join(shown(name.strip()) for name in names[:12])
     return f"{some}{', ...' if len(names) > 12 else ''}" if names else "none"
-
-
-def shown(text: str, most: int = 40) -> str:
-    """Return a text from a file as a message may show it: short, and printable.
-
-    Examples
-    --------
-    >>> shown("a" * 50 + "b"), shown("tab" + chr(0))
-    ('aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa~', 'tab?')
-    """
-    text = text if len(text) <= most else text[: most - 1] + "~"
-    return "".join(c if c.isprintable() else "?" for c in text)

@@ -9,12 +9,16 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
-from ivtools.errors import DataError
+from ivtools import limits
+from ivtools.errors import DataError, IVToolsError
+from ivtools.units import parse
 
 __all__ = ["Layout", "sniff"]
 
 SAMPLE = 1 << 18  # bytes read to find the layout
+LARGEST = 1 << 25  # bytes read if there is no row in that
 LOOK_AT = 50  # rows of data looked at
 BOMS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -22,7 +26,7 @@ BOMS = {
     codecs.BOM_UTF16_BE: "utf-16",
 }
 NOT_TEXT = re.compile(r"[\x00-\x08\x0b\x0e-\x1f\x7f-\x9f]")
-NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.I)
+NUMBER = re.compile(r"[+-]?(\d++[.,]?\d*+|[.,]\d++)([eE][+-]?\d++)?|[+-]?(nan|inf|infinity)", re.I)
 SPOKEN = {";": "semicolons", "\t": "tabs", "|": "bars", r"\s+": "spaces"}
 SEP_LINE = re.compile(r'"?sep=([,;|\t])"?', re.I)  # spreadsheets write it above the header
 EMPTY = ("", "na", "n/a", "null", "none", "nan")
@@ -44,6 +48,8 @@ class Layout:
         Character that starts a comment.
     notes : tuple of str
         What was not plain.
+    rows : int
+        How many rows the file seems to have, at least.
     """
 
     names: tuple[str, ...]
@@ -53,6 +59,7 @@ class Layout:
     encoding: str
     comment: str | None
     notes: tuple[str, ...]
+    rows: int
 
 
 def sniff(path: Path) -> Layout:
@@ -70,12 +77,16 @@ def sniff(path: Path) -> Layout:
     comment = next((line.strip()[0] for _, line in _comments(text)), None)
     if not lines:
         raise DataError("the file has no content; log or copy it again")
+    lines, skipped = _without_preamble(lines)
     (start, header), data = lines[0], lines[1:]
     separator = told[1] if told else _separator(header)
     names = _fields(header, separator)
     if all(NUMBER.fullmatch(name) for name in names):
         names, data = _commented_header(text, start, names, separator), lines
+    limits.check_columns(names)
     notes = [] if separator == "," else [f"columns are separated by {SPOKEN[separator]}"]
+    if skipped:
+        notes.append(f"{skipped} lines above the header were skipped")
     if not data:
         raise DataError("the file has a header and no rows; log or copy it again")
     rows = [_fields(line, separator) for _, line in data[:LOOK_AT]]
@@ -87,28 +98,100 @@ def sniff(path: Path) -> Layout:
     decimal = _decimal(rows, separator)
     if decimal == ",":
         notes.append("numbers have decimal commas")
-    return Layout(tuple(names), data[0][0], separator, decimal, encoding, comment, tuple(notes))
+    rate = len(text) / (1 + lines[-1][0])  # characters per line
+    size = _size(path) // (2 if encoding == "utf-16" else 1)
+    return Layout(
+        names=tuple(names),
+        first_row=data[0][0],
+        separator=separator,
+        decimal=decimal,
+        encoding=encoding,
+        comment=comment,
+        notes=tuple(notes),
+        rows=int(size / rate) - data[0][0],
+    )
+
+
+def _size(path: Path) -> int:
+    """Return the size of a text, bytes; of a gzipped one what its last four bytes say."""
+    if not path.name.lower().endswith(".gz"):
+        return path.stat().st_size
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - 4, 0))
+        return int.from_bytes(file.read(4), "little")
+
+
+def open_text(path: Path) -> IO[bytes]:
+    """Open a text file, unpacked if it is gzipped."""
+    return gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb")  # type: ignore[return-value]
 
 
 def _sample(path: Path) -> tuple[str, str]:
     """Return the beginning of the file as text, and its encoding."""
-    with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
+    with open_text(path) as file:
         content = file.read(SAMPLE)
+        whole = len(content) < SAMPLE
+        while not whole and content.count(b"\n") < LOOK_AT and len(content) < LARGEST:
+            more = file.read(len(content))
+            content, whole = content + more, len(more) < len(content)
     encoding = next((name for bom, name in BOMS.items() if content.startswith(bom)), "utf-8")
     try:
         text = codecs.getincrementaldecoder(encoding)().decode(content)
     except UnicodeDecodeError:
         encoding, text = "latin-1", content.decode("latin-1")
+    if not whole:
+        end = max(text.rfind("\n"), text.rfind("\r"))
+        text = text[: end + 1]
+        if end < 0:
+            raise DataError(f"the first line is longer than {LARGEST >> 20} MB; is it a csv file?")
     if NOT_TEXT.search(text):
         raise DataError("this is not a text file, whatever its name says; export it as csv")
     return text, encoding
 
 
 def _numbered(text: str) -> Iterator[tuple[int, str]]:
-    """Yield the complete lines of the sample that are not blank, with their number from 0."""
+    """Yield the lines that are not blank, with their number from 0."""
     lines = re.split(r"\r\n|\n|\r", text)
-    complete = lines if len(text) < SAMPLE or len(lines) == 1 else lines[:-1]
-    yield from ((i, line) for i, line in enumerate(complete) if line.strip())
+    yield from ((i, line) for i, line in enumerate(lines) if line.strip())
+
+
+def _without_preamble(lines: list[tuple[int, str]]) -> tuple[list[tuple[int, str]], int]:
+    """Leave out what a vendor's logger writes above the header: lines of another shape.
+
+    The last lines of the sample show the shape of the data. The header is the line right above
+    the data, or the one above it if that holds the units.
+    """
+    last = [line for _, line in lines[: 20 * LOOK_AT]][-LOOK_AT // 2 :]
+    separator = _separator(last[-1])
+    width = max(len(_fields(line, separator)) for line in last)
+    shapes = [_fields(line, separator) for _, line in lines[: 4 * LOOK_AT]]
+    rows = [_is_row(fields, width) for fields in shapes]
+    first = next((k for k in range(len(rows) - 2) if all(rows[k : k + 3])), 0)
+    if width < 2 or first < 2 or len(shapes[0]) in (width, width - 1):
+        return lines, 0
+    has_units = len(shapes[first - 2]) == width and _are_units(shapes[first - 1])
+    header = first - 2 if has_units else first - 1
+    return lines[header:], header
+
+
+def _is_row(fields: list[str], width: int) -> bool:
+    """Whether fields are a row of data: as wide, and mostly numbers."""
+    numbers = sum(NUMBER.fullmatch(field) is not None for field in fields)
+    return len(fields) in (width, width - 1) and 2 * numbers > len(fields)
+
+
+def _are_units(fields: list[str]) -> bool:
+    """Whether a row above the data holds units: short, and no two of them a name."""
+    stated = [field.strip("[]() ") for field in fields if field.lower() not in EMPTY]
+    return bool(stated) and sum(_is_unit(text) for text in stated) * 2 >= len(stated)
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        parse(text)
+    except IVToolsError:
+        return text in ("-", "1")
+    return True
 
 
 def _comments(text: str) -> list[tuple[int, str]]:
@@ -127,7 +210,10 @@ def _separator(header: str) -> str:
 def _fields(line: str, separator: str) -> list[str]:
     if separator == r"\s+":
         return line.split()
-    fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    try:
+        fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    except csv.Error:
+        raise DataError(f"a cell is longer than {limits.LONGEST} characters; mend it") from None
     return [field.strip() for field in fields]
 
 

@@ -15,6 +15,7 @@ __all__ = [
     "RecordError",
     "RecordWarning",
     "ShapeError",
+    "shown",
 ]
 
 
@@ -79,3 +80,15 @@ class RecordWarning(IVToolsWarning):
 
 class ConvergenceWarning(IVToolsWarning):
     """An iteration that stopped before it converged."""
+
+
+def shown(text: str, most: int = 40) -> str:
+    """Return a text from a file as a message may show it: short, and printable.
+
+    Examples
+    --------
+    >>> shown("a" * 50 + "b"), shown("tab" + chr(0))
+    ('aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa~', 'tab?')
+    """
+    text = text if len(text) <= most else text[: most - 1] + "~"
+    return "".join(c if c.isprintable() else "?" for c in text)

@@ -1,14 +1,24 @@
-"""Readers of record files: csv, csv.gz, parquet and MATLAB files become tables by column name."""
+"""Readers of record files: text, parquet and MATLAB files become tables by column name.
+
+Everything is read in pieces, and refused above the limits of `ivtools.limits` before there is more.
+A MATLAB file that nobody vouches for is read in a process of its own (`ivtools.mat_child`).
+"""
 
 from __future__ import annotations
 
+import io
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from ivtools import limits, mat_child
 from ivtools.columns import match_columns
-from ivtools.errors import DataError, IVToolsError, RecordError
+from ivtools.errors import DataError, IVToolsError, RecordError, shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,54 +33,74 @@ __all__ = ["SUFFIXES", "frame_table", "read_table"]
 #: The variables of the EMPS files, ours = theirs.
 EMPS = {"q": "qm", "q_ref": "qg", "nu": "vir", "added": "pulses_N"}
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log")
+_PIECE = 1_000_000  # numbers read at a time
+_SPARE = 1_000_000  # lines and bytes that a file may have beside its numbers
+_PER_NUMBER = 100  # bytes of text, on average
+_PATIENCE = 15.0  # s that a damaged MATLAB file may take, and what its size takes beside
 SUFFIXES = (*_TEXT, *(f"{suffix}.gz" for suffix in _TEXT), ".parquet", ".mat")
 
 
-def read_table(path: Path, layout: RecordFormat) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Read the columns of a record file that make up a record.
+def read_table(
+    path: Path, layout: RecordFormat | None, trusted: bool = False
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Read the columns of a record file.
 
     Parameters
     ----------
     path : Path
-        A csv, csv.gz, parquet or mat file.
-    layout : RecordFormat
-        Foreign names and units.
+        A text file such as csv, also gzipped, a parquet or a mat file.
+    layout : RecordFormat or None
+        Foreign names and units; None reads every column that is numbers.
+    trusted : bool
+        Whether the file is known to be sound, as one with a registered checksum is.
 
     Returns
     -------
     table : dict of str to array
-        Columns by the file's own names.
+        Columns by the file's own names: those that make up a record, and what else is numbers.
     notes : tuple of str
         How the file was read, where that was not plain.
 
     Raises
     ------
     DataError
-        The file is missing, empty, damaged or of unknown type.
+        The file is missing, empty, damaged, too large, or of unknown type.
     RecordError
         A column is missing or holds text.
     """
-    path = path.expanduser()
-    if not path.exists():
-        raise DataError("there is no such file; check the name and the folder")
-    if not path.is_file():
-        raise DataError("it is not a file; name the file itself")
-    suffix = next((s for s in SUFFIXES if path.name.lower().endswith(s)), None)
-    if suffix is None:
-        raise DataError(
-            f"unknown file type {path.suffix or '(no suffix)'}; known are {', '.join(SUFFIXES)}"
-        )
+    path, suffix = _checked(path)
     try:
         if path.stat().st_size == 0:
             raise DataError("the file is empty; log or copy it again")
-        return _READERS.get(suffix, _read_csv)(path, layout)
+        if suffix == ".mat":
+            return _read_mat(path, layout, trusted)
+        return (_read_parquet if suffix == ".parquet" else _read_csv)(path, layout)
     except IVToolsError:
         raise
     except Exception as error:  # a parser of another library met a damaged file
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        reason = shown(" ".join(str(error).split()), 200) or type(error).__name__
         raise DataError(
             f"cannot be read as {suffix[1:]}: {reason}; mend it or copy it again"
         ) from error
+
+
+def _checked(path: Path) -> tuple[Path, str]:
+    """Return the path of an existing file and its suffix."""
+    try:
+        path = path.expanduser()
+        there, is_file = path.exists(), path.is_file()
+    except (OSError, RuntimeError, ValueError) as error:  # a name too long, an unknown ~user
+        reason = getattr(error, "strerror", None) or str(error)
+        raise DataError(f"this is no usable path: {reason}; check the name") from error
+    if not there:
+        raise DataError("there is no such file; check the name and the folder")
+    if not is_file:
+        raise DataError("it is not a file; name the file itself")
+    suffix = next((s for s in SUFFIXES if path.name.lower().endswith(s)), None)
+    if suffix is None:
+        kind = shown(path.suffix) or "(no suffix)"
+        raise DataError(f"unknown file type {kind}; known are {', '.join(SUFFIXES)}")
+    return path, suffix
 
 
 def frame_table(frame: pd.DataFrame, layout: RecordFormat) -> dict[str, NDArray[np.float64]]:
@@ -80,24 +110,52 @@ def frame_table(frame: pd.DataFrame, layout: RecordFormat) -> dict[str, NDArray[
     """
     if frame.index.name is not None and frame.index.name not in frame.columns:
         frame = frame.reset_index()
-    names = [str(name) for name in frame.columns]
-    wanted = {name for group in _matched(names, layout).values() for name in group}
-    return {
-        name: _numbers(name, frame.iloc[:, position])
-        for position, name in enumerate(names)
-        if name in wanted or frame.iloc[:, position].dtype.kind in "biuf"
-    }
+    return _joined([frame], [str(name) for name in frame.columns], layout)
 
 
-def _matched(names: list[str], layout: RecordFormat) -> dict[str, list[str]]:
-    return match_columns(names, layout.columns, layout.units, timed=layout.rate is None)
+def _joined(
+    pieces: Iterable[pd.DataFrame], names: list[str], layout: RecordFormat | None
+) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of pieces of a table, one below the other, as numbers.
+
+    A column that is wanted must be numbers; others are left out where they are not.
+    """
+    limits.check_columns(names)
+    wanted = _wanted(names, layout)
+    kept: dict[int, list[NDArray[np.float64]]] = {i: [] for i in range(len(names))}
+    n = 0
+    for piece in pieces:
+        for i in list(kept):
+            column = piece.iloc[:, i]
+            if names[i] in wanted:
+                kept[i].append(_numbers(names[i], column, n))
+            elif column.dtype.kind in "biuf":
+                kept[i].append(column.to_numpy(dtype=float))
+            elif layout is None and column.notna().sum() == 0:
+                kept[i].append(np.full(len(column), np.nan))
+            else:
+                del kept[i]
+        n += len(piece)
+        limits.check_size(n * len(kept))
+    table = {}
+    for i in list(kept):
+        parts = kept.pop(i)
+        table[names[i]] = parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0)])
+    return table
 
 
-def _numbers(name: str, column: pd.Series) -> NDArray[np.float64]:
+def _wanted(names: list[str], layout: RecordFormat | None) -> set[str]:
+    if layout is None:
+        return set()
+    found = match_columns(names, layout.columns, layout.units, timed=layout.rate is None)
+    return {name for group in found.values() for name in group}
+
+
+def _numbers(name: str, column: pd.Series, first: int = 0) -> NDArray[np.float64]:
     import pandas as pd
 
     if column.dtype.kind in "Mm":
-        raise RecordError(f"{name} holds dates; give seconds from the start of the record")
+        raise RecordError(f"{shown(name)} holds dates; give seconds from the start of the record")
     if pd.api.types.is_numeric_dtype(column) and column.dtype.kind != "c":
         return column.to_numpy(dtype=float, na_value=np.nan)
     numbers = pd.to_numeric(column, errors="coerce")
@@ -105,50 +163,99 @@ def _numbers(name: str, column: pd.Series) -> NDArray[np.float64]:
     if text.any():
         row = int(np.argmax(text))
         raise RecordError(
-            f"{name} holds {str(column.iloc[row])[:40]!r} at row {row} (rows of data count from 0)"
-            ", not a number; clean the file"
+            f"{shown(name)} holds {shown(str(column.iloc[row]))!r} at row {first + row} (rows of "
+            "data count from 0), not a number; clean the file"
         )
     return numbers.to_numpy(dtype=float, na_value=np.nan)
 
 
-def _read_csv(path: Path, layout: RecordFormat) -> tuple[dict[str, Any], tuple[str, ...]]:
+class _Bounded(io.RawIOBase):
+    """A stream of text that ends in an error where lines or the whole are beyond what is read."""
+
+    def __init__(self, source: IO[bytes], n_columns: int):
+        self._source, self._line = source, 0
+        self._lines = self._bytes = 0
+        self._most = limits.most_numbers() // n_columns + _SPARE
+        self._longest = n_columns * limits.LONGEST
+        self._usual = n_columns * _PER_NUMBER
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        block = self._source.read(len(buffer))
+        last = block.rfind(b"\n")
+        self._line = self._line + len(block) if last < 0 else len(block) - last
+        self._lines += block.count(b"\n")
+        self._bytes += len(block)
+        if self._lines > self._most:
+            limits.check_size(limits.most_numbers() + 1)
+        wide = self._bytes > self._usual * self._lines + _SPARE * _PER_NUMBER
+        if wide or self._line > self._longest:
+            raise DataError(
+                f"lines are far longer than {self._usual} characters; is this a csv file?"
+            )
+        buffer[: len(block)] = block
+        return len(block)
+
+
+def _read_csv(path: Path, layout: RecordFormat | None) -> tuple[dict[str, Any], tuple[str, ...]]:
     import pandas as pd
 
-    from ivtools.csv_layout import sniff
+    from ivtools.csv_layout import open_text, sniff
 
     found = sniff(path)
-    frame = pd.read_csv(  # no usecols: with it pandas drops the surplus of rows that are too long
-        path,
-        sep=found.separator,
-        decimal=found.decimal,
-        comment=found.comment,
-        encoding=found.encoding,
-        header=None,
-        names=range(len(found.names)),
-        skiprows=found.first_row,
-        index_col=False,
-        skipinitialspace=True,
-        low_memory=False,
-    )
-    return frame_table(frame.rename(columns=dict(enumerate(found.names))), layout), found.notes
+    limits.check_size(int(0.8 * found.rows * len(found.names)))  # as it looks, before reading
+    with open_text(path) as source:
+        stream = io.BufferedReader(_Bounded(source, len(found.names)), 1 << 18)
+        pieces = pd.read_csv(  # no usecols: with it pandas drops the surplus of too long rows
+            stream,
+            sep=found.separator,
+            decimal=found.decimal,
+            comment=found.comment,
+            encoding=found.encoding,
+            header=None,
+            names=range(len(found.names)),
+            skiprows=found.first_row,
+            index_col=False,
+            skipinitialspace=True,
+            low_memory=False,
+            chunksize=max(_PIECE // len(found.names), 100),
+        )
+        return _joined(pieces, list(found.names), layout), found.notes
 
 
-def _read_parquet(path: Path, layout: RecordFormat) -> tuple[dict[str, Any], tuple[str, ...]]:
-    import pandas as pd
+def _read_parquet(
+    path: Path, layout: RecordFormat | None
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    import pyarrow.parquet as pq
+    from pyarrow import types
 
-    return frame_table(pd.read_parquet(path), layout), ()
+    with pq.ParquetFile(path) as file:
+        schema = file.schema_arrow
+        limits.check_columns(schema.names)
+        wanted = _wanted(schema.names, layout)
+        numeric = (types.is_integer, types.is_floating, types.is_boolean)
+        names = [
+            f.name for f in schema if f.name in wanted or any(test(f.type) for test in numeric)
+        ]
+        limits.check_size(file.metadata.num_rows * len(names))
+        batches = file.iter_batches(max(_PIECE // max(len(names), 1), 100), columns=names)
+        frames = (batch.to_pandas(ignore_metadata=True)[names] for batch in batches)
+        return _joined(frames, names, layout), ()
 
 
-def _read_mat(path: Path, layout: RecordFormat) -> tuple[dict[str, Any], tuple[str, ...]]:
-    from scipy.io import loadmat
-
-    try:
-        content = loadmat(path, appendmat=False)
-    except NotImplementedError:
-        raise DataError("this is a MATLAB 7.3 file; save it in MATLAB with '-v7'") from None
-    table = {k: _vector(v) for k, v in content.items() if not k.startswith("__")}
+def _read_mat(
+    path: Path, layout: RecordFormat | None, trusted: bool
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    with tempfile.TemporaryDirectory(prefix="ivtools-") as folder:
+        result = Path(folder) / "content.npz"
+        _unpack(path, result, trusted)
+        with np.load(result, allow_pickle=False) as content:
+            table = {str(n): _vector(content[f"v{i}"]) for i, n in enumerate(content["names"])}
+    limits.check_columns(list(table))
     emps = {ours: theirs for ours, theirs in EMPS.items() if theirs in table}
-    if len(emps) < 3 or "q" in table:
+    if layout is None or len(emps) < 3 or "q" in table:
         return table, ()
     ours = {**emps, **layout.columns}
     named = {*layout.columns.values()}
@@ -156,10 +263,25 @@ def _read_mat(path: Path, layout: RecordFormat) -> tuple[dict[str, Any], tuple[s
     return {**rest, **{k: table[v] for k, v in emps.items() if ours[k] == v}}, ("EMPS file",)
 
 
-def _vector(values: Any) -> Any:
+def _unpack(path: Path, result: Path, trusted: bool) -> None:
+    """Write the variables of a MATLAB file as npz, in a process of its own unless it is trusted."""
+    arguments = [str(path), str(result), str(limits.most_numbers())]
+    if trusted and mat_child.main(*arguments) == 0:
+        return
+    seconds = _PATIENCE + path.stat().st_size / 10e6
+    command = [sys.executable, "-I", mat_child.__file__, *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=seconds, check=False)
+    except subprocess.TimeoutExpired:
+        raise DataError(f"cannot be read as mat within {seconds:.0f} s; save it again") from None
+    if done.returncode == mat_child.TOO_LARGE:
+        limits.check_size(limits.most_numbers() + 1)
+    if done.returncode:
+        reason = shown(" ".join(done.stdout.decode(errors="replace").split()), 200)
+        reason = reason if done.returncode == mat_child.REFUSED and reason else "it is damaged"
+        raise DataError(f"cannot be read as mat: {reason}; mend it or copy it again")
+
+
+def _vector(values: NDArray[Any]) -> NDArray[Any]:
     """Return a MATLAB row or column vector as a one-dimensional array."""
-    is_vector = isinstance(values, np.ndarray) and values.ndim == 2 and 1 in values.shape
-    return values.ravel() if is_vector else values
-
-
-_READERS = {".parquet": _read_parquet, ".mat": _read_mat}  # and the rest is text
+    return values.ravel() if values.ndim == 2 and 1 in values.shape else values

@@ -15,7 +15,7 @@ import numpy as np
 from ivtools import checks
 from ivtools.clock import regular
 from ivtools.columns import SIGNALS, column_name, match_columns, pick_further, stack
-from ivtools.errors import IVToolsError, RecordError, RecordWarning, ShapeError
+from ivtools.errors import IVToolsError, RecordError, RecordWarning, ShapeError, shown
 from ivtools.record_format import RecordFormat, as_format
 
 if TYPE_CHECKING:
@@ -157,7 +157,11 @@ class Record:
     # -- where it comes from and goes to ----------------------------------------------------------
     @classmethod
     def read(
-        cls, path: str | Path, columns: Mapping[str, str] | RecordFormat | None = None
+        cls,
+        path: str | Path,
+        columns: Mapping[str, str] | RecordFormat | None = None,
+        *,
+        trusted: bool = False,
     ) -> Record:
         """Read a csv, csv.gz, parquet or MATLAB file.
 
@@ -168,6 +172,9 @@ class Record:
         columns : mapping of str to str, or RecordFormat, optional
             Names in the file that differ from ours: ``{"q": "position", "nu": "u"}``; a format
             says units, rate and gaps as well.
+        trusted : bool
+            Whether the file is known to be sound: a MATLAB file that is not is read in a process
+            of its own, as a damaged one may end that.
 
         Returns
         -------
@@ -185,8 +192,9 @@ class Record:
 
         path = Path(path)
         try:
-            table, notes = read_table(path, as_format(columns))
-            return cls.from_dict(table, columns, name=path.name.split(".")[0], notes=notes)
+            table, notes = read_table(path, as_format(columns), trusted)
+            name = shown(path.name.split(".")[0], 100)
+            return cls.from_dict(table, columns, name=name, notes=notes)
         except IVToolsError as error:
             raise type(error)(f"{path}: {error}") from error
 

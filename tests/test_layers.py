@@ -15,7 +15,8 @@ ROOT = Path(ivtools.__file__).parent
 #: Rooms from left to right. A room imports rooms to its left, and nothing beside it.
 ORDER = [
     ("errors",),
-    ("csv_layout", "files", "registry", "tables", "units", "workers"),
+    ("files", "limits", "mat_child", "registry", "tables", "units", "workers"),
+    ("csv_layout",),
     ("columns", "clock", "compiled"),
     ("record_format",),
     ("checks", "display", "readers"),

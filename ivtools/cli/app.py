@@ -24,8 +24,9 @@ from ivtools.cli import (
     simulate,
 )
 from ivtools.cli.output import INTERRUPTED
-from ivtools.errors import IVToolsError, IVToolsWarning
+from ivtools.errors import IVToolsError, IVToolsWarning, shown
 
+LONGEST = 2000  # characters of a line on stderr
 DONE, FAILED, AT_FAULT = 0, 1, 2
 
 app = typer.Typer(
@@ -101,6 +102,9 @@ def run(arguments: Sequence[str]) -> int:
 
 def main() -> None:
     """Run the command of this process and exit."""
+    if sys.stdout is None:
+        _say("error: stdout is closed, so the result would be lost; open it, or use > /dev/null")
+        sys.exit(AT_FAULT)
     status = run(sys.argv[1:])
     with suppress(OSError):
         sys.stdout.flush()
@@ -146,5 +150,7 @@ def _hear_warnings() -> None:
 
 def _say(text: str) -> None:
     """Write one line to stderr."""
-    line = " ".join(text.split())
-    typer.echo(f"ivtools: {line}", err=True)
+    line = f"ivtools: {shown(' '.join(text.split()), LONGEST)}"
+    with suppress(OSError, ValueError, AttributeError):  # nobody listens
+        encoding = sys.stderr.encoding or "ascii"
+        typer.echo(line.encode(encoding, "replace").decode(encoding), err=True)

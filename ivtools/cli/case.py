@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-import math
+import sys
 import tomllib
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ivtools import limits
 from ivtools.cli.options import Friction
-from ivtools.errors import AxisError, DataError, RecordWarning
+from ivtools.errors import AxisError, DataError, RecordWarning, shown
 
 if TYPE_CHECKING:
     from ivtools.loop import ClosedLoop
@@ -104,8 +105,10 @@ def load_theta(file: Path) -> dict[str, float]:
         The file cannot be read, or holds no parameters.
     """
     try:
-        text = file.read_text(encoding="utf-8")
+        text = limits.read_text(file)
         content = tomllib.loads(text) if file.suffix == ".toml" else json.loads(text)
+    except DataError as error:
+        raise DataError(f"parameter file {file}: {error}") from error
     except OSError as error:
         raise DataError(
             f"parameter file {file}: {error.strerror or error}; give a JSON file of identify"
@@ -125,6 +128,7 @@ def _numbers(file: Path, content: Any) -> dict[str, float]:
         )
     for name, value in content.items():
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not math.isfinite(value):
-            raise DataError(f"parameter file {file}: {name} is {value!r}; give a finite number")
+        if not number or not abs(value) <= sys.float_info.max:
+            told = shown(str(value) if isinstance(value, str | float) else type(value).__name__)
+            raise DataError(f"parameter file {file}: {shown(name)} is {told}; give a finite number")
     return {str(name): float(value) for name, value in content.items()}

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from .. import limits
 from ..columns import SIGNALS, UNITS
-from ..errors import AxisError, IVToolsError
+from ..errors import AxisError, DataError, IVToolsError
 from ..physics import TERMS
 from ..pipeline import Pipeline
 from ..record_format import RecordFormat, signal_of
@@ -46,7 +47,10 @@ def read(path: str | Path) -> ClosedLoop:
         If the file cannot be read, is not TOML, lacks a key, or has an unknown one.
     """
     try:
-        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        tables = tomllib.loads(limits.read_text(Path(path)))
+        limits.check_content("the file", tables)
+    except DataError as error:
+        raise AxisError(f"axis file {path}: {error}") from error
     except OSError as error:
         raise AxisError(
             f"axis file {path}: {error.strerror or error}; give the path of a TOML file"
