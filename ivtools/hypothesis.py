@@ -104,6 +104,18 @@ class WithTests:
 
         return inference.first_stage(self, **options)  # type: ignore[arg-type]
 
+    def instrument_strength(self, **options: Any) -> Any:
+        """Judge the instruments together (see `inference.instrument_strength`)."""
+        from ivtools import inference
+
+        return inference.instrument_strength(self, **options)  # type: ignore[arg-type]
+
+    def anderson_rubin_set(self, alpha: float = 0.05, **options: Any) -> pd.DataFrame:
+        """Return intervals for weak instruments (see `inference.anderson_rubin_set`)."""
+        from ivtools import inference
+
+        return inference.anderson_rubin_set(self, alpha, **options)  # type: ignore[arg-type]
+
     def tests(self) -> dict[str, TestResult]:
         """Return every test of this result by its name (see `inference.all_tests`)."""
         from ivtools import inference

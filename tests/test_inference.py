@@ -139,16 +139,6 @@ def test_robust_first_stage_is_the_wald_statistic_over_its_number(pair):
         np.testing.assert_allclose(q * fit.first_stage(**options)["f_stat"], expected, rtol=1e-8)
 
 
-def test_weak_instruments_name_the_weakest_column(pair):
-    fit, _ = pair
-    ours, stage = inference.weak_instruments(fit), fit.first_stage()
-    assert ours.statistic == stage["f_stat"].min()
-    assert ours.pvalue == stage["f_pvalue"][stage["f_stat"].idxmin()]
-    assert "not weak" in ours.reason and stage["f_stat"].idxmin() in ours.reason
-    X, y, Z, _ = made(n=120, strength=0.02)
-    assert inference.weak_instruments(fitted(X, y, Z)).reason.endswith("; weak")
-
-
 def test_anderson_rubin_is_the_f_test_of_the_instruments(surplus_pair):
     fit, (y, exog, endog, instruments) = surplus_pair
     theta0 = {"inertia": 2.1, "viscous": 99.0, "coulomb": 1e-3}

@@ -10,21 +10,24 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ivtools.hypothesis import TestResult
+from ivtools.inference.anderson_rubin import anderson_rubin, anderson_rubin_set
 from ivtools.inference.endogeneity import hausman_contrast, wu_hausman
 from ivtools.inference.overidentification import anderson_rubin_overid, basmann, hansen, sargan
 from ivtools.inference.residuals import ljung_box, normality, stationarity
 from ivtools.inference.restrictions import wald_test
-from ivtools.inference.strength import anderson_rubin, first_stage, weak_instruments
+from ivtools.inference.strength import first_stage, instrument_strength, weak_instruments
 from ivtools.results import FitResults
 
 __all__ = [
     "all_tests",
     "anderson_rubin",
     "anderson_rubin_overid",
+    "anderson_rubin_set",
     "basmann",
     "first_stage",
     "hansen",
     "hausman_contrast",
+    "instrument_strength",
     "ljung_box",
     "normality",
     "sargan",
