@@ -30,6 +30,8 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
     from ivtools.record import Record as Record
     from ivtools.results import FitResults as FitResults
     from ivtools.robot import Robot as Robot
+    from ivtools.simulators import MujocoSimulator as MujocoSimulator
+    from ivtools.simulators import Simulator as Simulator
 
 __version__ = "0.1.0"
 
@@ -71,6 +73,8 @@ _NAMES = {
     "drive_gain": "estimators.drive_gain",
     "Case": "study",
     "Study": "study",
+    "Simulator": "simulators",
+    "MujocoSimulator": "simulators",
     "diagnose": "gap",
     "diagnose_fleet": "gap",
 }

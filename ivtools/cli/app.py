@@ -19,6 +19,7 @@ from ivtools.cli import (
     data,
     demo,
     diagnose,
+    export,
     identify,
     reproduce,
     simulate,
@@ -49,6 +50,7 @@ _VERBS: Sequence[tuple[str, Callable[..., None]]] = (
 for _name, _verb in _VERBS:
     app.command(_name)(_verb)
 app.add_typer(data.app, name="data")
+app.add_typer(export.app, name="export")
 
 
 def _version(wanted: bool) -> None:

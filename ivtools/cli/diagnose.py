@@ -31,6 +31,18 @@ def diagnose(
     ],
     axis: options.Axis = None,
     holdout: options.Holdout = None,
+    simulated: Annotated[
+        str | None,
+        typer.Option(
+            "--simulated",
+            metavar="SIM",
+            help="What your own simulator did on the record's reference: what does it lack?",
+        ),
+    ] = None,
+    simulated_holdout: Annotated[
+        str | None,
+        typer.Option("--simulated-holdout", metavar="SIM2", help="The same on the holdout's."),
+    ] = None,
     jobs: Annotated[
         int, typer.Option("--jobs", help="Workers for a fleet; -1 is one per core.")
     ] = -1,
@@ -54,7 +66,9 @@ def diagnose(
     """
     names, several = _expanded(records)
     if not several:
-        return _one(names[0], axis, holdout, data, json, out)
+        return _one(names[0], axis, holdout, (simulated, simulated_holdout), data, json, out)
+    if simulated or simulated_holdout:
+        raise DataError("--simulated belongs to one record; diagnose the records one at a time")
     from ivtools.gap import diagnose_fleet
 
     loop = _loop(axis, names)
@@ -77,6 +91,7 @@ def _one(
     name: str,
     axis: str | None,
     holdout: str | None,
+    simulated: tuple[str | None, str | None],
     data: Path | None,
     json: Path | None,
     out: Path | None,
@@ -84,12 +99,26 @@ def _one(
     """Diagnose a single record."""
     from ivtools.cli.case import load
     from ivtools.gap import diagnose as find_gap
+    from ivtools.gap.against import changes_table
 
     measured, loop = load(name, axis, data, known=False)
-    other = None if holdout is None else _holdout(holdout, data, loop)
+    if simulated[0] is None and simulated[1] is not None:
+        raise DataError("--simulated-holdout needs --simulated: a log of each reference")
+    other, sim, sim_other = (
+        None if file is None else _log(file, data, loop) for file in (holdout, *simulated)
+    )
     with progress("diagnosing", 4) as advance:
-        gap = find_gap(measured, loop, holdout=other, progress=advance)
+        gap = find_gap(
+            measured,
+            loop,
+            holdout=other,
+            simulated=sim,
+            simulated_holdout=sim_other,
+            progress=advance,
+        )
     texts: list[object] = [gap.summary()]
+    if gap.changes:
+        texts.append(changes_table(gap.changes))
     if out is not None:
         texts.append(f"report: {write_page(gap.page(), out)}")
     if json is not None:
@@ -97,7 +126,7 @@ def _one(
     show(*texts, json_file=json)
 
 
-def _holdout(name: str, data: Path | None, loop: ClosedLoop) -> Record:
+def _log(name: str, data: Path | None, loop: ClosedLoop) -> Record:
     from ivtools import datasets
 
     return datasets.load(name, data, loop.log)

@@ -17,6 +17,7 @@ from ..loop import ClosedLoop
 from ..physics import Term
 from ..record import Record
 from . import advice, floor, locate, parity, preflight, quantify, response, verdict
+from .against import against
 from .attribute import Attribution, attribute, probability
 from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
@@ -37,6 +38,8 @@ def diagnose(
     loop: ClosedLoop,
     holdout: Record | None = None,
     *,
+    simulated: Record | None = None,
+    simulated_holdout: Record | None = None,
     rules: Rules | None = None,
     extra: Sequence[Term] = (),
     without: Sequence[str] = (),
@@ -53,6 +56,9 @@ def diagnose(
     holdout : Record, optional
         Another record of the same axis, which judges. Without it, stretches of the record judge
         each other, which is weaker: an effect that drifts from record to record cannot show.
+    simulated, simulated_holdout : Record, optional
+        What a simulator of your own did on the reference of the record, and of the holdout. Then
+        the question is what *it* lacks, and `Diagnosis.changes` says what to change in it.
     rules : Rules, optional
         What a name takes.
     extra : sequence of Term
@@ -78,10 +84,16 @@ def diagnose(
     >>> gap.effects
     ('asymmetric-viscous',)
     """
-    with _one_blas_thread():
+
+    def found(one: Record, other: Record | None) -> Diagnosis:
         return _diagnose(
-            record, loop, holdout, rules or Rules(), tuple(extra), tuple(without), progress or _mute
+            one, loop, other, rules or Rules(), tuple(extra), tuple(without), progress or _mute
         )
+
+    with _one_blas_thread():
+        if simulated is None:
+            return found(record, holdout)
+        return against(record, loop, holdout, simulated, simulated_holdout, found)
 
 
 _CALM, _RUNNING = Lock(), ExitStack()

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..report import Page
+    from ..simulators.mjcf_export import Export
+    from .against import Change
 
 Array = NDArray[np.float64]
 
@@ -70,6 +72,10 @@ class Diagnosis:
     probability : mapping
         Per named effect, how likely it, or one that it is not told from, is right, as far as the
         cause is one of the known effects.
+    changes : mapping of str to Change, or None
+        With a simulator's log: each parameter there, on the axis, and the change to make.
+    surplus : tuple of str
+        Named effects that the simulator has and the axis has not.
     """
 
     verdict: str
@@ -93,6 +99,8 @@ class Diagnosis:
     evidence: dict[str, Evidence] = field(default_factory=dict)
     probability: dict[str, float] = field(default_factory=dict)
     traces: Traces | None = None
+    changes: dict[str, Change] | None = None
+    surplus: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of ``ivtools diagnose``."""
@@ -115,6 +123,11 @@ class Diagnosis:
             "replicates": {r.effect: r.to_dict() for r in self.replicas},
             "probability": dict(self.probability),
             "evidence": {n: e.to_dict() for n, e in self.evidence.items()},
+            "theta": dict(self.theta),
+            "changes": None
+            if self.changes is None
+            else {name: change.to_dict() for name, change in self.changes.items()},
+            "surplus": list(self.surplus),
         }
 
     def summary(self) -> Text:
@@ -165,6 +178,38 @@ class Diagnosis:
         """Named effects that close next to nothing alone, and show once others are in the model."""
         alone = {r.effect: r.closed for r in self.ranking}
         return tuple(e for e in self.effects if alone.get(e, 1.0) < NOTHING_ALONE)
+
+    def to_mjcf(self, path: str | Path, joint: str, actuator: str | None = None) -> Export:
+        """Write what was found into a MuJoCo model.
+
+        Parameters
+        ----------
+        path : str or Path
+            The model; it is read, not changed.
+        joint : str
+        actuator : str, optional
+            Default: the only one that drives the joint.
+
+        Returns
+        -------
+        Export
+            The new model, and what it cannot hold.
+
+        Raises
+        ------
+        AxisError
+            The model lacks the joint or actuator.
+        MissingExtraError
+            MuJoCo is not installed.
+        """
+        from ..simulators.mjcf_export import export
+
+        if self.changes is None:
+            return export(path, joint, self.loop, self.theta, actuator=actuator)
+        base = {name for term in self.loop.terms if term.base for name in term.names}
+        changes = {name: c.change for name, c in self.changes.items() if name in base}
+        values = {name: c.real - c.simulator for name, c in self.changes.items()}
+        return export(path, joint, self.loop, values, actuator=actuator, changes=changes)
 
     def plot(self) -> Figure:
         """Return the figure that shows the answer."""

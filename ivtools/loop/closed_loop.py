@@ -125,6 +125,40 @@ class ClosedLoop(Model):
 
         return read(path)
 
+    @classmethod
+    def from_mjcf(
+        cls,
+        path: str | Path,
+        joint: str,
+        actuator: str | None = None,
+        keyframe: str | None = None,
+    ) -> ClosedLoop:
+        """Read one joint of a MuJoCo model, with what the model says of it as starting values.
+
+        A `<position>` actuator is its controller too; with a `<motor>` the controller is to be
+        identified, or given with `replace`.
+
+        Parameters
+        ----------
+        path : str or Path
+        joint : str
+            A slide or a hinge.
+        actuator : str, optional
+            Default: the only one that drives the joint.
+        keyframe : str, optional
+            Where the other joints are; default: the model's reference pose.
+
+        Raises
+        ------
+        AxisError
+            The model cannot be read, or lacks the joint, actuator or keyframe.
+        MissingExtraError
+            MuJoCo is not installed.
+        """
+        from ..simulators.mjcf import closed_loop
+
+        return closed_loop(path, joint, actuator, keyframe)
+
     def to_toml(self) -> str:
         """Return the axis file of this loop, such as one whose controller was identified.
 

@@ -11,36 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import AxisError
+from ..xml_file import parsed
 from .assembly import Edge, assemble
 from .inertia import body, moved
 from .robot import Robot
 
 Array = NDArray[np.float64]
-
-_LARGEST = 32 << 20  # bytes
-_DEEPEST = 64
-_MOST = 200_000  # elements
-
-
-class _Bounded(ET.TreeBuilder):
-    """A tree of bounded depth and size, without a document type: entities may not multiply."""
-
-    depth = count = 0
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise AxisError("a document type is not part of URDF; remove <!DOCTYPE ...>")
-
-    def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:
-        self.depth, self.count = self.depth + 1, self.count + 1
-        if self.depth > _DEEPEST or self.count > _MOST:
-            raise AxisError(
-                f"XML is deeper than {_DEEPEST} or larger than {_MOST} elements; that is no robot"
-            )
-        return super().start(tag, attrs)
-
-    def end(self, tag: str) -> ET.Element:
-        self.depth -= 1
-        return super().end(tag)
 
 
 def read(path: str | Path, joints: Sequence[str] | None = None) -> Robot:
@@ -52,22 +28,7 @@ def read(path: str | Path, joints: Sequence[str] | None = None) -> Robot:
 
 
 def _parsed(path: Path) -> ET.Element:
-    try:
-        with path.open("rb") as file:
-            text = file.read(_LARGEST + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise AxisError(f"{reason}; give the path of a URDF file") from error
-    if len(text) > _LARGEST:
-        raise AxisError(f"larger than {_LARGEST >> 20} MB; that is no robot")
-    parser = ET.XMLParser(target=_Bounded())
-    try:
-        parser.feed(text)
-        root = parser.close()
-    except (ET.ParseError, ValueError, LookupError) as error:
-        if isinstance(error, AxisError):
-            raise
-        raise AxisError(f"not XML: {error}") from error
+    root = parsed(path)
     if root.tag != "robot":
         raise AxisError(f"<{root.tag}> is no robot; expand xacro files to URDF first")
     return root

@@ -1,0 +1,156 @@
+"""What a user's own simulator lacks against the axis, and what of its parameters is off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import IVToolsError
+from ..estimators import CLIE
+from ..loop import ClosedLoop
+from ..problem import Problem
+from ..record import Record
+from ..simulators.difference import Difference, difference
+from ..tables import Text, table
+from .diagnosis import Diagnosis
+
+Diagnose = Callable[[Record, "Record | None"], Diagnosis]
+_ALL = 0.97  # of the reducible gap: what closes more needs no other answer
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter of the simulator, and what the axis has instead.
+
+    Attributes
+    ----------
+    simulator, real, change : float
+        As our model sees them, in `unit`.
+    std_error : float
+        Of the change; NaN where it is not known.
+    unit : str
+    """
+
+    simulator: float
+    real: float
+    change: float
+    std_error: float
+    unit: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content as plain objects, ready for JSON."""
+        known = self.std_error if np.isfinite(self.std_error) else None
+        return {
+            "simulator": self.simulator,
+            "real": self.real,
+            "change": self.change,
+            "std_error": known,
+            "unit": self.unit,
+        }
+
+
+def against(
+    record: Record,
+    loop: ClosedLoop,
+    holdout: Record | None,
+    simulated: Record,
+    simulated_holdout: Record | None,
+    diagnose: Diagnose,
+) -> Diagnosis:
+    """Diagnose what a simulator lacks; see `ivtools.diagnose`.
+
+    First what the axis has and the simulator has not; if that leaves something, the other way
+    round as well, for a simulator may have too much of an effect that cannot be negative.
+    """
+    loop = loop.known(record)
+    pairs = [(record, simulated), (holdout, simulated_holdout)]
+    logs = [(a, b) for a, b in pairs if a is not None and b is not None]
+    lacking = [difference(real, sim, loop) for real, sim in logs]
+    found = diagnose(lacking[0].record, lacking[1].record if len(lacking) > 1 else None)
+    if found.verdict != "adequate" and _closed(found) < _ALL:
+        try:
+            turned = [difference(sim, real, loop) for real, sim in logs]
+            other = diagnose(turned[0].record, turned[1].record if len(turned) > 1 else None)
+        except IVToolsError:
+            other = None  # the simulator's log alone carries no diagnosis
+        if other is not None and _closed(other) > _closed(found):
+            return _told(other, turned, surplus=True)
+    return _told(found, lacking, surplus=False)
+
+
+def _closed(found: Diagnosis) -> float:
+    """Return how far named effects close the gap; 0 if none is named."""
+    return found.shrink.closed if found.effects and found.shrink else 0.0
+
+
+def _told(found: Diagnosis, pairs: list[Difference], surplus: bool) -> Diagnosis:
+    """Return a diagnosis that speaks of the simulator."""
+    made = changes(found, pairs[0], surplus)
+    whose = "the simulator has and the axis lacks" if surplus else "your simulator lacks"
+    what = ", ".join(found.effects) or "nothing but other parameters"
+    notes = tuple(dict.fromkeys(note for pair in pairs for note in pair.notes))
+    told = (f"{whose}: {what}", *notes)
+    return replace(
+        found,
+        changes=made,
+        surplus=found.effects if surplus else (),
+        advice=(*told, *found.advice),
+    )
+
+
+def changes(found: Diagnosis, pair: Difference, surplus: bool) -> dict[str, Change]:
+    """Return what must change in the simulator, parameter by parameter.
+
+    The final loop is fitted to the difference once more, for its standard errors; an effect's
+    values are zero on the side that lacks it.
+    """
+    if not found.theta:
+        return {}
+    values, errors = _final(found, pair.record)
+    units = found.loop.units
+    sign = -1.0 if surplus else 1.0
+    base = pair.base.params.to_dict()
+    out = {}
+    for name, value in values.items():
+        have = base.get(name, 0.0)
+        one, two = (value, have) if surplus else (have, value)
+        out[name] = Change(
+            simulator=one,
+            real=two,
+            change=sign * (value - have),
+            std_error=errors.get(name, float("nan")),
+            unit=units.get(name, ""),
+        )
+    return out
+
+
+def _final(found: Diagnosis, record: Record) -> tuple[dict[str, float], dict[str, float]]:
+    """Return values and standard errors of the final loop on the difference."""
+    loop = replace(found.loop, start={**found.loop.start, **found.theta})
+    try:
+        fit = CLIE(start="axis").fit(Problem(record, loop))
+    except IVToolsError:
+        return dict(found.theta), {}
+    if not fit.converged:
+        return dict(found.theta), {}
+    return {**found.theta, **fit.params.to_dict()}, fit.std_errors.to_dict()
+
+
+def changes_table(made: dict[str, Change]) -> Text:
+    """Return the changes as a table."""
+    rows = [
+        [
+            name,
+            c.unit,
+            f"{c.simulator:.5g}",
+            f"{c.real:.5g}",
+            f"{c.change:+.3g}",
+            f"{c.std_error:.2g}" if np.isfinite(c.std_error) else "–",
+        ]
+        for name, c in made.items()
+    ]
+    header = ["parameter", "unit", "simulator", "real", "change", "std error"]
+    return table("Changes to your simulator", [], header, rows, left=2)

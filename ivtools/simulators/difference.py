@@ -1,0 +1,179 @@
+"""What separates an axis from its simulator, as a record of its own.
+
+A model fitted to the simulator's log is simulated along the simulator's reference; what the real
+axis did otherwise than the simulator is added to that. The control law is linear, so the result
+still obeys it; what both share, known to us or not, cancels to first order. A diagnosis of this
+record says what the simulator lacks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ivtools.errors import EstimationError, RecordError
+from ivtools.estimators import CLIE, DIDIM, IDIMLS
+from ivtools.problem import Problem
+from ivtools.record import Record
+
+if TYPE_CHECKING:
+    from ivtools.loop import ClosedLoop, Simulation
+    from ivtools.results import FitResults
+
+Array = NDArray[np.float64]
+
+_SAME = 0.01  # of the stroke: references that differ by less are one
+_SHARED = 0.5  # of the record that the simulator must cover
+_SLIPS = {1e3: "mm", 1e-3: "km", 180.0 / np.pi: "degrees", np.pi / 180.0: "radians", 1e6: "µm"}
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A record that holds what the real axis does beyond its simulator.
+
+    Attributes
+    ----------
+    record : Record
+        Model plus real minus simulated: position, velocity if both have it, and command.
+    real, simulated : Record
+        Both logs, at the same instants.
+    base : FitResults
+        The simulator seen through our model.
+    notes : tuple of str
+        What was done to bring the logs together.
+    """
+
+    record: Record
+    real: Record
+    simulated: Record
+    base: FitResults
+    notes: tuple[str, ...] = ()
+
+
+def difference(real: Record, simulated: Record, loop: ClosedLoop) -> Difference:
+    """Return the record that shows what the real axis does beyond its simulator.
+
+    Parameters
+    ----------
+    real, simulated : Record
+        Logs of the same reference.
+    loop : ClosedLoop
+        The axis, with its rigid model.
+
+    Raises
+    ------
+    RecordError
+        If the logs are not of the same reference, or share too little time.
+    EstimationError
+        If no model fits the simulator's log.
+    """
+    real, simulated, notes = together(real, simulated)
+    base = _seen(simulated, loop)
+    model = base_simulation(loop, simulated, base)
+    signals: dict[str, Any] = {
+        "q": model.q + real.q - simulated.q,
+        "nu": model.nu + loop.command(real) - loop.command(simulated),
+    }
+    if real.dq is not None and simulated.dq is not None:
+        signals["dq"] = model.dq + real.dq - simulated.dq
+    kept = {k: v for k in ("q_ref", "dq_ref", "added") if (v := getattr(real, k)) is not None}
+    record = Record(
+        t=real.t, **signals, **kept, name=real.name, notes=(*real.notes, *notes), extra=real.extra
+    )
+    return Difference(record, real, simulated, base, notes)
+
+
+def base_simulation(loop: ClosedLoop, simulated: Record, base: FitResults) -> Simulation:
+    """Return the fitted model along the simulator's reference, from the simulator's state."""
+    done = loop.simulate(simulated, base.params)
+    if not done.finite:
+        raise EstimationError("the model that was fitted to the simulator's log is unstable")
+    return done
+
+
+def _seen(simulated: Record, loop: ClosedLoop) -> FitResults:
+    """Return the simulator's parameters, seen through the loop's model."""
+    problem = Problem(simulated, loop)
+    for estimator in (DIDIM(), CLIE()):
+        fit = estimator.fit(problem)
+        if fit.converged and fit.params["inertia"] > 0.0:
+            return fit
+    return IDIMLS().fit(problem)
+
+
+# --- two logs of one reference ------------------------------------------------------------------
+
+
+def together(real: Record, simulated: Record) -> tuple[Record, Record, tuple[str, ...]]:
+    """Return both logs at the real one's instants, and what had to be done for it.
+
+    Raises
+    ------
+    RecordError
+        If they are not of the same reference, or share too little time.
+    """
+    if real.n_joints != 1 or simulated.n_joints != 1:
+        raise RecordError("the logs have several joints; compare one at a time")
+    notes = []
+    if simulated.n_samples != real.n_samples or not _same_step(real, simulated):
+        real, simulated, note = _resampled(real, simulated)
+        notes.append(note)
+    if simulated.q_ref is None and real.q_ref is not None:
+        simulated = simulated.replace(q_ref=real.q_ref)
+        notes.append("the simulator's log has no reference; it is taken to be the record's")
+    _same_reference(real, simulated)
+    return real, simulated, tuple(notes)
+
+
+def _same_step(real: Record, simulated: Record) -> bool:
+    return abs(simulated.dt - real.dt) * real.n_samples < 0.01 * real.dt
+
+
+def _resampled(real: Record, simulated: Record) -> tuple[Record, Record, str]:
+    """Bring the simulator's log to the record's instants, both counted from their first sample."""
+    from scipy.interpolate import CubicSpline
+
+    t, own = real.t - real.t[0], simulated.t - simulated.t[0]
+    n = int(np.searchsorted(t, own[-1] + 0.5 * real.dt))
+    if n * real.dt < _SHARED * t[-1] or n < 200:
+        raise RecordError(
+            f"the logs share {n * real.dt:.3g} s of {t[-1]:.3g} s; simulate the whole record"
+        )
+    at = np.minimum(t[:n], own[-1])
+    held = ("nu", "tau", "added")  # a command is held between samples, not interpolated
+    rows = np.clip(np.searchsorted(own, at + 1e-9 * real.dt, side="right") - 1, 0, len(own) - 1)
+    signals: dict[str, Any] = {
+        name: x[rows] if name in held else CubicSpline(own, x)(at)
+        for name, x in simulated.signals.items()
+    }
+    brought = Record(t=real.t[:n], **signals, name=simulated.name)
+    note = (
+        f"the simulator's log ({simulated.n_samples} samples at {simulated.sampling_hz:g} Hz) was "
+        f"brought to the record's instants ({n} at {real.sampling_hz:g} Hz)"
+    )
+    return real if n == real.n_samples else real.slice(0, n), brought, note
+
+
+def _same_reference(real: Record, simulated: Record) -> None:
+    """Refuse logs of different references, and say if it is a matter of units."""
+    if real.q_ref is None or simulated.q_ref is None:
+        return
+    one, two = real.q_ref[:, 0], simulated.q_ref[:, 0]
+    stroke = float(np.ptp(one))
+    if float(np.sqrt(np.mean((one - two) ** 2))) <= _SAME * stroke:
+        return
+    ratio = float(np.ptp(two)) / stroke if stroke else np.inf
+    for factor, unit in _SLIPS.items():
+        if abs(ratio / factor - 1.0) < 0.02:
+            raise RecordError(
+                f"the simulator's q_ref is {ratio:.4g} times the record's: it looks like {unit}; "
+                "convert it, or name its unit"
+            )
+    raise RecordError(
+        "the simulator followed another reference than the record (rms difference "
+        f"{float(np.sqrt(np.mean((one - two) ** 2))):.3g}, stroke {stroke:.3g}); simulate the "
+        "record's own q_ref from its first sample"
+    )

@@ -1,0 +1,120 @@
+"""A user's own simulator: what it lacks is found, and written back into it."""
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from ivtools.errors import DataError, IVToolsError, RecordError
+from ivtools.simulators.difference import difference, together
+
+THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+
+
+@pytest.fixture(scope="module")
+def loop() -> iv.ClosedLoop:
+    return iv.axes.emps()
+
+
+@pytest.fixture(scope="module")
+def short(twin) -> iv.Record:
+    return twin.slice(0, 12_000)
+
+
+def log(loop, record, noise=0.0, **theta) -> iv.Record:
+    """The loop along a record's reference, as if it had been logged."""
+    rng = np.random.default_rng(5)
+    done = loop.simulate(
+        record,
+        {**THETA, **theta},
+        position_noise=1e-7 * rng.normal(size=record.n_samples) * (noise > 0.0),
+        force_noise=noise * rng.normal(size=record.n_samples),
+    )
+    return done.to_record("log", q_ref=record.q_ref)
+
+
+def test_the_difference_of_a_log_to_itself_is_the_model(loop, short):
+    sim = log(loop, short)
+    found = difference(sim, sim, loop)
+    model = loop.simulate(sim, found.base.params.to_dict())
+    assert np.allclose(found.record.q, model.q, atol=1e-12)
+    assert np.allclose(found.record.nu, model.nu, atol=1e-9)
+    assert found.base.params["inertia"] == pytest.approx(95.0, rel=2e-3)
+
+
+def test_a_simulator_that_is_the_axis_lacks_nothing(loop, short):
+    real = log(loop, short, noise=1.0)
+    gap = iv.diagnose(real, loop, simulated=log(loop, short))
+    assert gap.verdict == "adequate" and gap.effects == () and gap.surplus == ()
+    for name, change in gap.changes.items():
+        assert abs(change.change) < 4.0 * change.std_error + 1e-3 * abs(change.real), name
+
+
+def test_an_effect_that_only_the_axis_has_is_named(loop, short):
+    axis = loop.with_effect("cogging", cosine=2.5, sine=1.0, period=0.004)
+    real = log(axis, short, noise=1.0)
+    gap = iv.diagnose(real, loop, simulated=log(loop, short, inertia=90.0))
+    assert gap.effects == ("cogging",) and not gap.surplus
+    change = gap.changes["inertia"]
+    assert change.change == pytest.approx(5.0, abs=0.5)
+    assert change.simulator == pytest.approx(90.0, rel=0.01)
+    content = gap.to_dict()
+    assert content["changes"]["cogging.period"]["real"] == pytest.approx(0.004, rel=1e-2)
+    assert "your simulator lacks: cogging" in content["advice"]
+
+
+def test_an_effect_that_only_the_simulator_has_is_called_that(loop, short):
+    much = loop.with_effect("stribeck", force=12.0, speed=0.02)
+    gap = iv.diagnose(log(loop, short, noise=0.5), loop, simulated=log(much, short))
+    assert gap.effects == gap.surplus == ("stribeck",)
+    change = gap.changes["stribeck.force"]
+    assert change.real == 0.0 and change.simulator > 0.0 and change.change < 0.0
+
+
+def test_logs_of_another_rate_and_length_are_brought_together(loop, short):
+    real, sim = short.slice(0, 9000), log(loop, short).slice(0, 11_000)
+    thin = iv.Record(t=sim.t[::2], q=sim.q[::2], nu=sim.nu[::2], q_ref=sim.q_ref[::2])
+    one, two, notes = together(real, thin)
+    assert one.n_samples == two.n_samples == 9000 and len(notes) == 1
+    assert np.allclose(two.q, sim.q[:9000], atol=1e-5)
+    assert "was brought to the record's instants" in notes[0]
+
+
+@pytest.mark.parametrize("factor, unit", [(1e3, "mm"), (180 / np.pi, "degrees"), (1e-3, "km")])
+def test_another_unit_is_said(short, factor, unit):
+    other = short.replace(q_ref=factor * short.q_ref)
+    with pytest.raises(RecordError, match=unit):
+        together(short, other)
+
+
+def test_another_reference_is_refused(short):
+    with pytest.raises(RecordError, match="another reference"):
+        together(short, short.replace(q_ref=short.q_ref[::-1]))
+
+
+def test_too_little_in_common_is_refused(short):
+    with pytest.raises(RecordError, match="simulate the whole record"):
+        together(short, short.slice(0, 100 + 200))
+
+
+@pytest.mark.parametrize("give", ["record", "frame", "mapping", "simulation"])
+def test_any_function_is_a_simulator(loop, short, give):
+    def follow(record):
+        done = loop.simulate(record, THETA)
+        made = done.to_record("mine", q_ref=record.q_ref)
+        mapping = {"q": done.q[:, 0], "nu": done.nu[:, 0]}
+        forms = {"record": made, "frame": made.to_frame(), "mapping": mapping, "simulation": done}
+        return forms[give]
+
+    mine = iv.Simulator.from_function(follow, THETA)
+    assert isinstance(mine, iv.Simulator) and isinstance(loop, iv.Simulator)
+    back = mine.simulate(short)
+    assert np.allclose(back.q, loop.simulate(short, THETA).q, atol=1e-12)
+    assert np.array_equal(back.q_ref, short.q_ref)
+
+
+@pytest.mark.parametrize("wrong", [3.0, None, {"q": np.zeros(3)}, {"x": np.zeros(3)}, "text"])
+def test_what_is_no_log_is_said_in_one_line(short, wrong):
+    mine = iv.Simulator.from_function(lambda record: wrong)
+    with pytest.raises(IVToolsError) as error:
+        mine.simulate(short)
+    assert "\n" not in str(error.value) and isinstance(error.value, DataError | IVToolsError)
