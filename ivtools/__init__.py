@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
     from ivtools.estimators.refined import IDIMPIV as IDIMPIV
     from ivtools.hypothesis import TestResult as TestResult
     from ivtools.loop import ClosedLoop as ClosedLoop
+    from ivtools.loop import RobotLoop as RobotLoop
     from ivtools.pipeline import Pipeline as Pipeline
     from ivtools.problem import Problem as Problem
     from ivtools.record import Record as Record
@@ -65,6 +66,7 @@ _NAMES = {
     "Pipeline": "pipeline",
     "ClosedLoop": "loop",
     "Robot": "robot",
+    "RobotLoop": "loop",
     "Problem": "problem",
     "FitResults": "results",
     "TestResult": "hypothesis",

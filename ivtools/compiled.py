@@ -25,11 +25,13 @@ from typing import Any
 import numba
 import platformdirs
 from numba import njit
+from numba.core import cgutils
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
+from numba.extending import intrinsic
 
 from ivtools.errors import IVToolsWarning
 from ivtools.files import replacing
@@ -56,6 +58,23 @@ def compiled(function: Any, inline: bool = False) -> Any:
 def inlined(function: Any) -> Any:
     """Compile a function that becomes part of each caller."""
     return compiled(function, inline=True)
+
+
+@intrinsic
+def lent(typing: Any, array: Any) -> Any:
+    """Return an array whose references compiled code does not count.
+
+    Counting takes most of the time where many small arrays are handed on in tuples. Whoever lends
+    an array keeps it: take arguments of a `cached` function, which Python holds meanwhile.
+    """
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        value = context.make_array(signature.args[0])(context, builder, value=arguments[0])
+        value.meminfo = cgutils.get_null_value(value.meminfo.type)
+        value.parent = cgutils.get_null_value(value.parent.type)
+        return value._getvalue()
+
+    return array(array), code
 
 
 def cached(*signature: Any) -> Callable[[Callable[..., Any]], Kernel]:

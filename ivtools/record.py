@@ -259,6 +259,20 @@ class Record:
         further = {name: values[rows] for name, values in self.extra.items()}
         return self.replace(t=self.t[rows], extra=further, **parts)
 
+    def joint(self, j: int) -> Record:
+        """Return the record of one joint, counted from 0.
+
+        Raises
+        ------
+        ShapeError
+            If there is no such joint.
+        """
+        if not 0 <= j < self.n_joints:
+            raise ShapeError(f"joint {j} of a record with {self.n_joints} joints; count from 0")
+        parts = {name: values[:, j] for name, values in self.signals.items()}
+        name = self.name if self.n_joints == 1 else f"{self.name}, joint {j + 1}"
+        return self.replace(name=name, theta_true=None, **parts)
+
     def __repr__(self) -> str:
         joints = f"{self.n_joints} joint{'s' if self.n_joints > 1 else ''}"
         return (

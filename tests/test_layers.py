@@ -15,12 +15,13 @@ ROOT = Path(ivtools.__file__).parent
 #: Rooms from left to right. A room imports rooms to its left, and nothing beside it.
 ORDER = [
     ("errors",),
-    ("files", "limits", "mat_child", "registry", "tables", "units"),
-    ("csv_layout", "resume", "workers"),
+    ("files", "limits", "mat_child", "registry", "tables", "units", "workers"),
+    ("csv_layout",),
     ("columns", "clock", "compiled", "xml_file"),
     ("record_format",),
     ("checks", "display", "readers"),
     ("record", "linalg", "pipeline"),
+    ("pipelines",),
     ("measured",),
     ("datasets", "physics"),
     ("robot",),

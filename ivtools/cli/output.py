@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ivtools.display import plain
-from ivtools.files import write
+from ivtools.errors import DataError
 
 if TYPE_CHECKING:
     from ivtools.report import Page
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 STDOUT = Path("-")
 INTERRUPTED = 130  # exit status, as shells have it
+_FULL = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EMFILE)
 
 
 def show(*texts: object, json_file: Path | None = None) -> None:
@@ -49,7 +51,14 @@ def write_json(content: Mapping[str, Any] | Sequence[Any], file: Path | None) ->
     if file == STDOUT:
         typer.echo(text, nl=False)
         return
-    write(file, text)
+    with writing(file):
+        if file.exists() and not file.is_file():
+            file.write_text(text, encoding="utf-8")  # a device, or an error
+            return
+        file.parent.mkdir(parents=True, exist_ok=True)
+        part = file.with_name(f".{file.name}.part")
+        part.write_text(text, encoding="utf-8")
+        part.replace(file)
 
 
 def write_page(page: Page, folder: Path, name: str = "report.html") -> Path:
@@ -60,7 +69,25 @@ def write_page(page: Page, folder: Path, name: str = "report.html") -> Path:
     DataError
         The folder cannot be written.
     """
-    return page.write(folder / name, figures=True)
+    with writing(folder):
+        return page.write(folder / name, figures=True)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn a path that cannot be written into an error of the input.
+
+    A full disk is no fault of the input and stays what it is.
+    """
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if error.errno in _FULL:
+            raise
+        reason = error.strerror or type(error).__name__
+        raise DataError(f"cannot write {path}: {reason}; name another place") from error
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from .closed_loop import ClosedLoop
 from .controllers import Controller, LinearLaw
+from .robot_loop import RobotLoop
 from .simulation import Simulation
 
-__all__ = ["ClosedLoop", "Controller", "LinearLaw", "Simulation"]
+__all__ = ["ClosedLoop", "Controller", "LinearLaw", "RobotLoop", "Simulation"]

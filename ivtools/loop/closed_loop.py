@@ -217,6 +217,15 @@ class ClosedLoop(Model):
         """Names of the columns of a record file, ours = theirs."""
         return self.log.columns
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints: the axis."""
+        return (self.name,)
+
+    def axis(self, joint: int, record: Record, theta: Theta | None = None) -> ClosedLoop:
+        """Return the loop of a joint alone, as a robot's does: this one."""
+        return self
+
     # --- signals ------------------------------------------------------------------------------
 
     def force(self, record: Record) -> Array:

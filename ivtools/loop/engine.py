@@ -113,41 +113,18 @@ def simulate(
     if steps < 1:
         raise AxisError(f"substeps is {steps}; it counts the integration steps per sample")
     n, dt = record.n_samples, record.dt
-    controller = effective_controller(loop, values).known(record)
-    law, added = controller.law(dt), _column(record.added, n)
-    seen = Seen.of(controller, record, loop.command(record), loop.joint)
-    known, known_inner = law.known(seen.inputs[:, :3])
-    q0, v0, first = _initial(record, initial, controller.delay, seen)
-    limit = min(controller.limit, values.get("saturation.limit", np.inf))
+    law = driven(loop, record, values, initial)
     out = np.empty((4, n))
     kernel.run(
         dt,
         steps,
-        np.ascontiguousarray(known),
-        added * (1.0 + values.get("controller-mismatch.added", 0.0)),
+        law.known,
+        _column(record.added, n) * (1.0 + values.get("controller-mismatch.added", 0.0)),
         ramp,
         _noise("position_noise", position_noise, n),
-        _noise("force_noise", force_noise, n),
+        _pushed(record, _noise("force_noise", force_noise, n)),
         float(quantum),
-        *(
-            np.ascontiguousarray(array)
-            for array in (
-                law.D[MEASURED],
-                law.taps,
-                known_inner,
-                law.A,
-                law.B[:, MEASURED],
-                law.C,
-                law.back,
-                law.hold,
-            )
-        ),
-        _inner_state(law, initial, seen, controller.delay, dt, limit),
-        controller.delay,
-        limit,
-        q0,
-        v0,
-        first,
+        *law[1:],
         *plant(loop, values, general=ramp, stiction=stiction),
         out,
     )
@@ -155,6 +132,81 @@ def simulate(
     with np.errstate(over="ignore"):  # an unstable loop is reported by Simulation.finite
         tau = loop.gain * nu
     return Simulation(record.t, q, dq, ddq, nu, tau, loop)
+
+
+class Driven(NamedTuple):
+    """A control law along a record, as the kernels take it; see `controllers.LinearLaw`.
+
+    Attributes
+    ----------
+    known : (n_samples,) ndarray
+        What references and all else that is known beforehand add to the command.
+    gains, taps : (2,), (m,) ndarray
+        On the measured position and velocity; of the positions that make that velocity.
+    known_inner : (n_samples, n) ndarray
+        What is known beforehand adds so much to the law's own states.
+    A, B, C, back, hold, inner : ndarray
+        Own states: (n, n), (n, 2) of position and velocity, (n,) each, and the first of them.
+    delay : int
+    limit : float
+    q, v : float
+        Position and velocity at the start.
+    first : (delay + 1,) ndarray
+        Commands before the law's own: `delay` of them, then the one before the record.
+    """
+
+    known: Array
+    gains: Array
+    taps: Array
+    known_inner: Array
+    A: Array
+    B: Array
+    C: Array
+    back: Array
+    hold: NDArray[np.bool_]
+    inner: Array
+    delay: int
+    limit: float
+    q: float
+    v: float
+    first: Array
+
+
+def driven(
+    loop: ClosedLoop, record: Record, values: Mapping[str, float], initial: Initial
+) -> Driven:
+    """Return the law of a loop along a record; the one place that knows its form."""
+    controller = effective_controller(loop, values).known(record)
+    law, delay = controller.law(record.dt), controller.delay
+    seen = Seen.of(controller, record, loop.command(record), loop.joint)
+    known, known_inner = law.known(seen.inputs[:, :3])
+    limit = min(controller.limit, values.get("saturation.limit", np.inf))
+    q, v, first = _initial(record, initial, delay, seen)
+    inner = _inner_state(law, initial, seen, delay, record.dt, limit)
+    return Driven(
+        np.ascontiguousarray(known),
+        np.ascontiguousarray(law.D[MEASURED]),
+        np.ascontiguousarray(law.taps),
+        np.ascontiguousarray(known_inner),
+        np.ascontiguousarray(law.A),
+        np.ascontiguousarray(law.B[:, MEASURED]),
+        np.ascontiguousarray(law.C),
+        np.ascontiguousarray(law.back),
+        np.ascontiguousarray(law.hold),
+        inner,
+        delay,
+        limit,
+        q,
+        v,
+        first,
+    )
+
+
+def _pushed(record: Record, force: Array) -> Array:
+    """Return the force from outside on the drive's side: noise, less the known load."""
+    if record.load is None:
+        return force
+    return (force if force.size else 0.0) - np.ascontiguousarray(record.load[:, 0])
 
 
 def effective_controller(loop: ClosedLoop, values: Mapping[str, float]) -> Controller:
@@ -168,7 +220,7 @@ def _initial(record: Record, initial: Any, delay: int, seen: Seen) -> tuple[floa
     """Return position, velocity, and the commands that the controller gave before the record."""
     if initial == "record":
         first = np.append(seen.command[:delay], seen.command[0])
-        return (*_state(record.q[: _START_SAMPLES + 1, 0], record.dt), first)
+        return (*started(record.q[:, 0], record.dt), first)
     if initial == "rest":
         start = record.q if record.q_ref is None else record.q_ref
         return float(start[0, 0]), 0.0, np.zeros(delay + 1)
@@ -194,7 +246,9 @@ def _inner_state(
     return law.began(seen.inputs[:n], command, clipped(command, limit), limit)
 
 
-def _state(q: Array, dt: float) -> tuple[float, float]:
+def started(q: Array, dt: float) -> tuple[float, float]:
+    """Return position and velocity at the start of a recorded position (n_samples,)."""
+    q = q[: _START_SAMPLES + 1]
     k = np.arange(len(q))
     slope, start = np.polynomial.polynomial.polyfit(k, q - q[0], 2)[1::-1]
     return float(start + q[0]), float(slope / dt)

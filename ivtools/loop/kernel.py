@@ -44,7 +44,7 @@ def _fill_before(seen, law, sent, past, delay, whole, first, q, v, dt, p, on):
 
 
 @compiled
-def _move_on(inner, following, known, a_matrix, b_matrix, c_row, q, speed, excess, back, hold):
+def move_on(inner, following, known, a_matrix, b_matrix, c_row, q, speed, excess, back, hold):
     """Move the controller's own states over one sample; `excess` is what the limit cut off."""
     for i in range(inner.size):
         following[i] = known[i] + b_matrix[i, 0] * q + b_matrix[i, 1] * speed
@@ -145,7 +145,7 @@ def run(
             value += c_row[i] * inner[i]
         if inner.size:
             excess = value - min(max(value, -limit), limit)
-            _move_on(
+            move_on(
                 inner, following, known_inner[k], a_matrix, b_matrix, c_row,
                 out[0, k], speed, excess, back, hold,
             )  # fmt: skip

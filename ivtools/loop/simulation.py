@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from ..errors import RecordError, ShapeError
 from ..pipeline import Motion, Pipeline
+from ..pipelines import Pipelines
 from ..record import Record
 
 if TYPE_CHECKING:
     from .closed_loop import ClosedLoop
+    from .robot_loop import RobotLoop
 
 Array = NDArray[np.float64]
 
@@ -32,7 +34,7 @@ class Simulation:
         Command, added input included.
     tau : ndarray, (n_samples, n_joints)
         Force that belongs to the command, drive gain times nu, N or N m.
-    loop : ClosedLoop
+    loop : ClosedLoop or RobotLoop
         The loop that was simulated.
     """
 
@@ -42,7 +44,7 @@ class Simulation:
     ddq: Array
     nu: Array
     tau: Array
-    loop: ClosedLoop
+    loop: ClosedLoop | RobotLoop
 
     @property
     def motion(self) -> Motion:
@@ -54,7 +56,9 @@ class Simulation:
         """Whether the simulated loop stayed finite."""
         return bool(np.isfinite(self.nu[-1]).all() and np.isfinite(self.q[-1]).all())
 
-    def relative_error(self, record: Record, pipeline: Pipeline | None = None) -> dict[str, float]:
+    def relative_error(
+        self, record: Record, pipeline: Pipeline | Pipelines | None = None
+    ) -> dict[str, float]:
         """Return 100 ||measured - simulated|| / ||measured||, in per cent.
 
         The measured position is band-passed by the pipeline, whose trimmed samples do not count;
@@ -95,6 +99,19 @@ class Simulation:
             name: 100.0 * float(np.linalg.norm(m[rows] - s[rows]) / np.linalg.norm(m[rows]))
             for name, m, s in zip(names, measured, simulated, strict=True)
         }
+
+    def joint(self, j: int, record: Record) -> Simulation:
+        """Return what one joint of a robot did, counted from 0, as the simulation of its axis.
+
+        Parameters
+        ----------
+        j : int
+        record : Record
+            The robot's, which drove the simulation.
+        """
+        signals = (self.q, self.dq, self.ddq, self.nu, self.tau)
+        q, dq, ddq, nu, tau = (x[:, j : j + 1] for x in signals)
+        return Simulation(self.t, q, dq, ddq, nu, tau, self.loop.axis(j, record))
 
     def to_record(
         self,

@@ -102,14 +102,14 @@ def one_mass_step(q, v, z, s, h, tau, rise, t, glide, p, on, user):
         q, v, a = glided(q, v, h, tau, p["inertia"], glide)
         jerk = rise / p["inertia"]
         return q + jerk * glide[4], v + jerk * glide[3], z, a
-    bristle = _bristle(q, v, z, h, tau, t, p, on, user)
-    force = _beyond(q, v, s, tau, t, bristle, p, on, user)
+    rod = bristle(q, v, z, h, tau, t, p, on, user)
+    force = beyond(q, v, s, tau, t, rod, p, on, user)
     at, later = glided(q, v, h, tau - force, p["inertia"], glide), _LATE * h
     place, speed = q + later * (v + 0.5 * later * at[2]), v + later * at[2]
-    late = _beyond(place, speed, s, tau + rise * later, t + later, bristle, p, on, user)
+    late = beyond(place, speed, s, tau + rise * later, t + later, rod, p, on, user)
     jerk = (rise - (late - force) / later) / p["inertia"]
     place, speed = at[0] + jerk * glide[4], at[1] + jerk * glide[3]
-    return place, speed, _deflection(place, bristle, p), at[2]
+    return place, speed, deflection(place, rod, p), at[2]
 
 
 @inlined
@@ -155,8 +155,8 @@ def two_masses(x, mode, h, tau, rise, t, p, on, user):
     w1, w2 = 1.0 / p["motor"] if s1 != 0.0 else 0.0, 1.0 / p["load"] if s2 != 0.0 else 0.0
     (level1, slope1), (level2, slope2) = plain_line(s1, p), plain_line(s2, p)
     own = 1.0 - p["share"]
-    bristle = _bristle(x[0], x[1], x[4], h, tau, t, p, on, user)
-    f1, f2 = _beyond_both(x, mode, tau, t, bristle, p, on, user)
+    rod = bristle(x[0], x[1], x[4], h, tau, t, p, on, user)
+    f1, f2 = _beyond_both(x, mode, tau, t, rod, p, on, user)
     link = link_force(x, side, p)
     a1 = w1 * (tau - link - own * (level1 + slope1 * x[1]) - f1 - p["shift"])
     a2 = w2 * (link - p["share"] * (level2 + slope2 * x[3]) - f2 + p["shift"])
@@ -178,10 +178,10 @@ def two_masses(x, mode, h, tau, rise, t, p, on, user):
     if not on["beyond"]:
         return y, a1
     later = _LATE * h
-    g1, g2 = _beyond_both(middle, mode, tau + rise * later, t + later, bristle, p, on, user)
+    g1, g2 = _beyond_both(middle, mode, tau + rise * later, t + later, rod, p, on, user)
     jerk1, jerk2, half, third = w1 * (f1 - g1) / later, w2 * (f2 - g2) / later, h * h / 2, h**3 / 6
     q1 = y[0] + jerk1 * third
-    z = _deflection(q1, bristle, p)
+    z = deflection(q1, rod, p)
     return (q1, y[1] + jerk1 * half, y[2] + jerk2 * third, y[3] + jerk2 * half, z), a1
 
 
@@ -189,7 +189,7 @@ def two_masses(x, mode, h, tau, rise, t, p, on, user):
 
 
 @inlined
-def _bristle(q, v, z, h, tau, t, p, on, user):
+def bristle(q, v, z, h, tau, t, p, on, user):
     """Return where the bristle starts, its deflection, and the friction it slides at, N."""
     if not on["presliding"]:
         return q, z, 0.0
@@ -197,28 +197,29 @@ def _bristle(q, v, z, h, tau, t, p, on, user):
 
 
 @inlined
-def _deflection(q, bristle, p):
-    start, z, level = bristle
+def deflection(q, rod, p):
+    """Return the deflection of the bristle at q, m or rad."""
+    start, z, level = rod
     return bristle_deflection(z, q - start, level, p["bristle"]) if level > 0.0 else z
 
 
 @inlined
-def _beyond(q, v, s, tau, t, bristle, p, on, user):
+def beyond(q, v, s, tau, t, rod, p, on, user):
     """Return the force that opposes the motor beyond plain friction, N."""
     force = (1.0 - p["share"]) * extra_resistance(q, v, s, tau, t, p, on, user)
     if on["presliding"]:
-        z, level = _deflection(q, bristle, p), bristle[2]
+        z, level = deflection(q, rod, p), rod[2]
         rate = bristle_rate(z, v, level, p["bristle"])
         force += p["bristle"] * z + p["presliding.damping"] * rate - s * level
     return force
 
 
 @inlined
-def _beyond_both(x, mode, tau, t, bristle, p, on, user):
+def _beyond_both(x, mode, tau, t, rod, p, on, user):
     """Return the forces that oppose motor and load beyond plain friction, N."""
     if not on["beyond"]:
         return 0.0, 0.0
     load = 0.0
     if p["share"] > 0.0:
         load = p["share"] * extra_resistance(x[2], x[3], mode[1], tau, t, p, on, user)
-    return _beyond(x[0], x[1], mode[0], tau, t, bristle, p, on, user), load
+    return beyond(x[0], x[1], mode[0], tau, t, rod, p, on, user), load

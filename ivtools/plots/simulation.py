@@ -148,11 +148,11 @@ def _signals(
 ) -> tuple[Array, list[_Signal]]:
     """Return the time, s, and the signals to compare, both without the trimmed samples."""
     loop = simulated.loop
-    pipeline = pipeline or loop.pipeline(record)
-    head, tail = pipeline.trim
+    used = pipeline or loop.pipeline(record)
+    head, tail = used.trim
     rows = slice(head, record.n_samples - tail)
-    measured = (*pipeline.differentiate(record.q, record.dt), loop.force(record))
-    errors, units = simulated.relative_error(record, pipeline), units_of(loop.joint)
+    measured = (*used.differentiate(record.q, record.dt), loop.force(record))
+    errors, units = simulated.relative_error(record, used), units_of(loop.joint)
     rename = {"force": "torque"} if loop.joint == "revolute" else {}
     signals = [
         _Signal(rename.get(name, name), units[name], x[rows, 0], model[rows, 0], errors[name])

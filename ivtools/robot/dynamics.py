@@ -19,13 +19,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..compiled import cached, inlined
 
-inlined = njit(error_model="numpy", forceinline=True)
-compiled = njit(error_model="numpy", cache=True, nogil=True)
+Array = NDArray[np.float64]
 
 
 class Tree(NamedTuple):
@@ -109,7 +107,7 @@ def _cross(ax, ay, az, bx, by, bz):
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@compiled
+@inlined
 def place(tree, q, at):
     """Put every link's frame at joint positions q, m or rad."""
     R, p = at.R, at.p
@@ -128,7 +126,7 @@ def place(tree, q, at):
                 p[i, k] = tree.position[i, k]
 
 
-@compiled
+@inlined
 def move(tree, dq, ddq, at):
     """Give every link its motion, from the base outwards; gravity is an acceleration upwards."""
     R, p, m = at.R, at.p, at.motion
@@ -156,11 +154,13 @@ def move(tree, dq, ddq, at):
         m[i, 6], m[i, 7], m[i, 8] = ax, ay, az
 
 
-@compiled
+@inlined
 def react(tree, phi, at, out):
     """Fill out (n,) with the joint forces that the motion asks for, from the tips inwards."""
     R, p, m, f = at.R, at.p, at.motion, at.wrench
-    f[:] = 0.0
+    for i in range(out.size):
+        for k in range(6):
+            f[i, k] = 0.0
     for i in range(out.size - 1, -1, -1):
         b = phi[i]
         wx, wy, wz, ux, uy, uz = m[i, 0], m[i, 1], m[i, 2], m[i, 3], m[i, 4], m[i, 5]
@@ -224,12 +224,15 @@ def _carry(b, i, j, R, p):
     b[j, 9] += zz + dot - z * sz
 
 
-@compiled
+@inlined
 def weigh(tree, phi, at, M):
     """Fill M (n, n) with the mass matrix, by composite bodies."""
     R, p, b, n = at.R, at.p, at.body, phi.shape[0]
-    b[:] = phi
-    M[:] = 0.0
+    for i in range(n):
+        for k in range(10):
+            b[i, k] = phi[i, k]
+        for k in range(n):
+            M[i, k] = 0.0
     for i in range(n - 1, -1, -1):
         j = tree.parent[i]
         if j >= 0:
@@ -286,7 +289,7 @@ def _row(columns, k, m, ox, oy, oz, vx, vy, vz, out):
             out[column] = values[i]
 
 
-@compiled
+@inlined
 def observe(tree, columns, at, out):
     """Fill out (n, n_columns) with the observation matrix of the motion; zeros are not written.
 
@@ -313,7 +316,7 @@ def observe(tree, columns, at, out):
             _row(columns, k, m, ox, oy, oz, vx, vy, vz, out[j])
 
 
-@compiled
+@cached()
 def torques(tree, phi, q, dq, ddq, out):
     """Fill out (n_samples, n) with the inverse dynamics along a trajectory, N or N m."""
     at = frames(q.shape[1])
@@ -323,7 +326,7 @@ def torques(tree, phi, q, dq, ddq, out):
         react(tree, phi, at, out[k])
 
 
-@compiled
+@cached()
 def observations(tree, columns, q, dq, ddq, out):
     """Fill out (n_samples, n, n_columns), zeros to begin with, with the observation matrix."""
     at = frames(q.shape[1])
@@ -333,7 +336,7 @@ def observations(tree, columns, q, dq, ddq, out):
         observe(tree, columns, at, out[k])
 
 
-@compiled
+@cached()
 def mass_matrices(tree, phi, q, out):
     """Fill out (n_samples, n, n) with the mass matrix along a trajectory."""
     at = frames(q.shape[1])
