@@ -15,6 +15,7 @@ __all__ = [
     "RecordError",
     "RecordWarning",
     "ShapeError",
+    "WorkersLostError",
     "shown",
 ]
 
@@ -68,6 +69,10 @@ class MissingExtraError(IVToolsError):
 
     def __init__(self, library: str, extra: str):
         super().__init__(f'{library} is not installed; run: pip install "ivtools[{extra}]"')
+
+
+class WorkersLostError(RuntimeError):
+    """The processes or machines that did the work are gone; the input is not at fault."""
 
 
 class IVToolsWarning(UserWarning):

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from markupsafe import Markup
 
+from ivtools.files import write
 from ivtools.plots.chart import Chart, stills
 from ivtools.tables import Text
 
@@ -177,12 +178,9 @@ class Page:
         from ivtools.plots import style
 
         file = Path(file)
-        file.parent.mkdir(parents=True, exist_ok=True)
         for name, figure in stills(f for s in self.sections for f in s.figures) if figures else ():
             style.save(figure, file.parent / f"{name}.svg")
-        part = file.with_name(f".{file.name}.part")
-        part.write_text(self.html(), encoding="utf-8")
-        return part.replace(file)
+        return write(file, self.html())
 
 
 @cache

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, nullcontext
 from time import perf_counter
 from types import ModuleType
 from typing import Any, Literal, NamedTuple, TypeVar
 
-from ivtools.errors import EstimationError, IVToolsError, IVToolsWarning, MissingExtraError
+from ivtools.errors import (
+    EstimationError,
+    IVToolsError,
+    IVToolsWarning,
+    MissingExtraError,
+    WorkersLostError,
+)
 
 Backend = Literal["loky", "threading", "dask"]
 BACKENDS: tuple[Backend, ...] = ("loky", "threading", "dask")
 Result = TypeVar("Result")
+Lost = Callable[..., Any]
 
+_MOST = 1000  # workers
 TIMEOUT_S = 20.0  # for a Dask scheduler to answer
 
 
@@ -72,6 +84,7 @@ def outcomes(
     n_jobs: int = 1,
     backend: Backend = "loky",
     scheduler: str | None = None,
+    lost: Lost | None = None,
 ) -> Iterator[Result]:
     """Yield ``work(*task)`` of every task, as they end.
 
@@ -85,21 +98,102 @@ def outcomes(
     backend : {"loky", "threading", "dask"}
     scheduler : str, optional
         Address of the Dask scheduler; default the current client's.
+    lost : callable, optional
+        Makes the result, of ``(*task, reason)``, where workers die of a task.
+
+    Raises
+    ------
+    IVToolsError
+        There can be no such number of workers, or no scheduler answers.
+    WorkersLostError
+        The workers or the scheduler died.
 
     Examples
     --------
     >>> list(outcomes(pow, [(2, 3), (3, 2)]))
     [8, 9]
     """
-    import joblib
-
+    if (
+        isinstance(n_jobs, bool)
+        or not isinstance(n_jobs, int)
+        or not -1 <= n_jobs <= _MOST
+        or not n_jobs
+    ):
+        raise IVToolsError(
+            f"{n_jobs} workers; give a whole number from 1 to {_MOST}, or -1 for one per core"
+        )
     if n_jobs == 1 and backend != "dask":
         yield from (work(*task) for task in tasks)
-    else:
-        with _parallel(backend, scheduler):
-            n_jobs = -1 if backend == "dask" else n_jobs
-            parallel = joblib.Parallel(n_jobs, batch_size=1, return_as="generator_unordered")
-            yield from parallel(joblib.delayed(work)(*task) for task in tasks)
+        return
+    with _parallel(backend, scheduler):
+        hands = _Hands(work, tasks, lost)
+        yield from hands.outcomes(-1 if backend == "dask" else n_jobs)
+
+
+class _Hands:
+    """Tasks in the hands of workers: those of a worker that dies are given to others.
+
+    A task whose worker has died twice is given to one that does nothing else, so that the one which
+    kills its worker, whatever else was in hand, is known.
+    """
+
+    def __init__(self, work: Callable[..., Any], tasks: Iterable[Any], lost: Lost | None):
+        self.work, self.lost = work, lost
+        self.rest = enumerate(tasks)
+        self.again: list[tuple[int, Any]] = []
+        self.held: dict[int, Any] = {}
+        self.deaths: Counter[int] = Counter()
+
+    def outcomes(self, n_jobs: int) -> Iterator[Any]:
+        """Yield the result of every task."""
+        while True:
+            try:
+                yield from self._run(self._handed_out(), n_jobs)
+                return
+            except BrokenProcessPool:
+                self.deaths.update(self.held.keys())
+            suspects = [number for number in self.held if self.deaths[number] >= 2]
+            alone = [(number, self.held.pop(number)) for number in suspects]
+            self.again += self.held.items()
+            self.held.clear()
+            for number, task in alone:
+                yield self._alone(number, task)
+
+    def _handed_out(self) -> Iterator[tuple[int, Any]]:
+        while self.again:
+            yield self.again.pop()
+        yield from self.rest
+
+    def _run(self, numbered: Iterable[tuple[int, Any]], n_jobs: int) -> Iterator[Any]:
+        import joblib
+
+        def calls() -> Iterator[Any]:
+            for number, task in numbered:
+                self.held[number] = task
+                yield joblib.delayed(_numbered)(number, self.work, task)
+
+        parallel = joblib.Parallel(n_jobs, batch_size=1, return_as="generator_unordered")
+        for number, result in parallel(calls()):
+            del self.held[number]
+            yield result
+
+    def _alone(self, number: int, task: Any) -> Any:
+        for _ in range(2):  # somebody else may have ended it
+            try:
+                (result,) = self._run([(number, task)], 2)  # one would be this process
+                return result
+            except BrokenProcessPool:
+                self.held.clear()
+        reason = "its worker died each time; it may need more memory than there is"
+        if self.lost is None:
+            raise WorkersLostError(f"a piece of work cannot be done: {reason}")
+        return self.lost(*task, reason)
+
+
+def _numbered(
+    number: int, work: Callable[..., Result], task: tuple[Any, ...]
+) -> tuple[int, Result]:
+    return number, work(*task)
 
 
 @contextmanager
@@ -112,7 +206,7 @@ def _parallel(backend: Backend, scheduler: str | None) -> Iterator[None]:
             yield
         return
     try:
-        from distributed import Client, get_client
+        from distributed import Client, KilledWorker, get_client
     except ImportError as error:
         raise MissingExtraError("distributed", "distributed") from error
     try:
@@ -123,12 +217,28 @@ def _parallel(backend: Backend, scheduler: str | None) -> Iterator[None]:
     except (OSError, ValueError) as error:
         where = "here; give the scheduler's address" if scheduler is None else f"at {scheduler}"
         raise IVToolsError(f"no Dask scheduler answers {where} ({error})") from error
-    if scheduler is None:  # somebody else's client, who will close it
-        with joblib.parallel_config(backend="dask", client=client):
+    mine = nullcontext() if scheduler is None else client  # a current one has somebody to close it
+    try:
+        with _hushed("distributed"), mine, joblib.parallel_config(backend="dask", client=client):
             yield
-        return
-    with client, joblib.parallel_config(backend="dask", client=client):
+    except (CancelledError, KilledWorker, OSError) as error:
+        raise WorkersLostError(
+            f"the Dask scheduler or its workers have died ({type(error).__name__})"
+        ) from error
+
+
+@contextmanager
+def _hushed(name: str) -> Iterator[None]:
+    """Keep back what a library logs about an error that it also raises."""
+    loggers = [logging.getLogger(n) for n in logging.root.manager.loggerDict if n.startswith(name)]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
         yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ import ivtools as iv
 from ivtools.cli import run
 from ivtools.errors import IVToolsError
 from ivtools.gap.fleet import run as fleet_run
+from ivtools.gap.fleet.shelf import Shelf
 from ivtools.gap.fleet.source import sources
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -183,6 +184,23 @@ def test_a_half_written_result_is_made_again(made, loop, quick, tmp_path):
     file.write_text(file.read_text()[:100])
     iv.diagnose_fleet([record], loop, path=tmp_path, n_jobs=1)
     assert len(quick) == 2 and json.loads(file.read_text())["diagnosis"]
+
+
+@pytest.mark.parametrize("kind", [".json", ".html"])
+def test_whatever_bit_of_a_result_flips_it_is_made_again(fleet, logs, loop, quick, tmp_path, kind):
+    shelf, rng = Shelf(tmp_path), np.random.default_rng(14)
+    entry = shelf.keep(fleet.done[0], "key", "<html></html>\n")
+    assert shelf.find(entry, "key") and not shelf.find(entry, "another")
+    file = entry.page.with_suffix(kind)
+    whole = file.read_bytes()
+    for _ in range(200):
+        changed = bytearray(whole)
+        changed[rng.integers(len(whole))] ^= 1 << rng.integers(8)
+        file.write_bytes(changed)
+        assert shelf.find(entry, "key") is None
+    for content in (b"[]", b"null", b'{"key": "key", "checksum": 1}', b"[" * 100_000):
+        entry.page.with_suffix(".json").write_bytes(content)
+        assert shelf.find(entry, "key") is None
 
 
 # -- who judges, and where -------------------------------------------------------------------------

@@ -1,11 +1,11 @@
 """Studies that stream to a folder: killed at any moment, they go on where they were."""
 
+import errno
 import os
 import signal
 import subprocess
 import sys
 import textwrap
-import time
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +14,9 @@ import pytest
 
 import ivtools as iv
 from ivtools.errors import DataError, IVToolsError
+from ivtools.files import replacing
 from ivtools.study import COLUMNS, MEASURED, Case, Study, Trapezoids, load
-from ivtools.study.table import Block, Store, part
+from ivtools.study.table import Block, Store, checksum, part
 
 SCRIPT = """
 import time
@@ -120,15 +121,14 @@ def test_overlapping_parts_count_once(tmp_path):
 def test_half_written_files_are_not_read_and_are_swept(tmp_path):
     study = small()
     table = study.run(path=tmp_path)
-    part_file = next(tmp_path.glob("part-*.parquet"))
-    fresh, left = (tmp_path / f"{part_file.name}.{pid}.tmp" for pid in (1, 2))
-    for file in (fresh, left):
-        file.write_bytes(part_file.read_bytes()[:100])
-    os.utime(left, (time.time() - 3600, time.time() - 3600))
+    left = tmp_path / f".{next(tmp_path.glob('part-*.parquet')).name}.0123.part~"
+    left.write_bytes(b"PAR1")
     same(study.table(tmp_path), table)
-    assert left.exists()
-    same(study.run(path=tmp_path), table)
-    assert not left.exists() and fresh.exists()
+    with replacing(tmp_path / "part-other.parquet") as fresh:
+        same(study.run(path=tmp_path), table)
+        assert not left.exists() and Path(fresh.name).exists()
+        fresh.write(b"")
+    (tmp_path / "part-other.parquet").unlink()
 
 
 def test_a_damaged_part_is_named(tmp_path):
@@ -140,9 +140,72 @@ def test_a_damaged_part_is_named(tmp_path):
         study.run(path=tmp_path)
 
 
+def test_of_400_flipped_bits_none_is_accepted(tmp_path):
+    study = small(2)
+    table, rng = study.run(path=tmp_path), np.random.default_rng(14)
+    parts = sorted(tmp_path.glob("part-*.parquet"))
+    for _ in range(400):
+        file = parts[rng.integers(len(parts))]
+        whole = file.read_bytes()
+        changed = bytearray(whole)
+        changed[rng.integers(len(whole))] ^= 1 << rng.integers(8)
+        file.write_bytes(changed)
+        with pytest.raises(DataError, match="is not a part of a study.*delete it") as caught:
+            study.table(tmp_path)
+        assert "\n" not in str(caught.value)
+        file.write_bytes(whole)
+    same(study.table(tmp_path), table)
+
+
+@pytest.mark.parametrize("about", [b"[]", b"{}", b'{"case": 1, "estimators": 2, "seeds": "x"}'])
+def test_a_part_of_the_wrong_types_is_refused(tmp_path, about):
+    from io import BytesIO
+
+    import pyarrow.parquet as pq
+
+    study, content = small(1), BytesIO()
+    pq.write_table(part([]).replace_schema_metadata({b"ivtools": about}), content)
+    data = content.getvalue()
+    (tmp_path / f"part-x-{checksum(data)}.parquet").write_bytes(data)
+    with pytest.raises(DataError, match="is not a part of a study"):
+        study.table(tmp_path)
+
+
+def test_a_second_run_on_the_same_folder_is_told_who_has_it(tmp_path):
+    def second(progress):
+        with pytest.raises(DataError, match=f"in use by process {os.getpid()} on .*; wait until"):
+            small(2).run(path=tmp_path)
+
+    table = small(2).run(path=tmp_path, progress=second)
+    same(small(2).run(path=tmp_path), table)
+    assert all(file.name.startswith("part-") for file in tmp_path.iterdir())
+
+
+def test_a_full_disk_says_what_is_kept(tmp_path, monkeypatch):
+    def full(progress):
+        if progress.done == 3:
+            monkeypatch.setattr(os, "fsync", refuse)
+
+    def refuse(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(DataError, match="No space left on device; what is finished is kept"):
+        small(4).run(path=tmp_path, progress=full)
+    monkeypatch.undo()
+    left = [file.name for file in tmp_path.iterdir()]
+    assert left and all(name.startswith("part-") for name in left)  # nothing half-written
+    same(small(4).run(path=tmp_path), small(4).run())
+
+
+@pytest.mark.parametrize("seeds", [0, -3, 10**12, True, 2.0, "9"])
+def test_impossible_numbers_of_repetitions_are_refused(seeds):
+    with pytest.raises(IVToolsError, match="a whole number from 1 to 1000000"):
+        small(seeds)
+
+
 def test_a_path_that_is_no_folder(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(IVToolsError, match="cannot be a folder"):
+    with pytest.raises(IVToolsError, match="cannot write .*; name another place"):
         small().run(path=tmp_path / "file")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -25,7 +26,7 @@ from ivtools.cli import (
     simulate,
 )
 from ivtools.cli.output import INTERRUPTED
-from ivtools.errors import IVToolsError, IVToolsWarning, shown
+from ivtools.errors import IVToolsError, IVToolsWarning, WorkersLostError, shown
 
 LONGEST = 2000  # characters of a line on stderr
 DONE, FAILED, AT_FAULT = 0, 1, 2
@@ -103,7 +104,8 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def main() -> None:
-    """Run the command of this process and exit."""
+    """Run the command of this process and exit; a wish to end it is like Ctrl-C."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     if sys.stdout is None:
         _say("error: stdout is closed, so the result would be lost; open it, or use > /dev/null")
         sys.exit(AT_FAULT)
@@ -123,9 +125,9 @@ def _ended_by(error: BaseException) -> int:
     if isinstance(error, KeyboardInterrupt) or type(error).__name__ == "Abort":
         _say("interrupted; what was finished is kept")
         return INTERRUPTED
-    if isinstance(error, IVToolsError):
+    if isinstance(error, IVToolsError | WorkersLostError):
         _say(f"error: {error}")
-        return AT_FAULT
+        return AT_FAULT if isinstance(error, IVToolsError) else FAILED
     usage = getattr(error, "format_message", None)
     if usage is not None:  # a usage error of typer, whichever click it brings
         _say(f"error: {usage()} ivtools --help shows what there is.")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ivtools.cli import options
-from ivtools.cli.output import follow, show, write_json, writing
+from ivtools.cli.output import follow, show, write_json
 
 
 def benchmark(
@@ -36,13 +36,11 @@ def benchmark(
 
     study = load(name, seeds)
     rows = None if out is None else out / "rows"
-    with writing(out or Path()):
-        study.run(jobs, backend.value, rows, scheduler, progress=follow())
+    study.run(jobs, backend.value, rows, scheduler, progress=follow())
     score = study.score()
     texts: list[object] = [score]
     if out is not None:
-        with writing(out):
-            texts.append(f"report: {score.save(out)}")
+        texts.append(f"report: {score.save(out)}")
     if json is not None:
         write_json(score.to_dict(), json)
     show(*texts, json_file=json)
@@ -51,14 +49,14 @@ def benchmark(
 def _leaderboard(json: Path | None, out: Path | None) -> None:
     """Run the EMPS protocol and print the board."""
     from ivtools import axes, datasets
+    from ivtools.files import write
     from ivtools.leaderboard import leaderboard
+    from ivtools.tables import csv
 
     board = leaderboard(datasets.emps(), datasets.emps_pulses(), axes.emps())
     if out is not None:
-        with writing(out):
-            out.mkdir(parents=True, exist_ok=True)
-            (out / "leaderboard.md").write_text(board.to_markdown(), encoding="utf-8")
-            board.frame().to_csv(out / "leaderboard.csv", index=False, float_format="%.6g")
+        write(out / "leaderboard.md", board.to_markdown())
+        write(out / "leaderboard.csv", csv(board.frame()))
     if json is not None:
         write_json(board.to_dict(), json)
     show(board.summary(), json_file=json)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ivtools.cli import options
-from ivtools.cli.output import follow, progress, show, stoppable, write_json, write_page, writing
+from ivtools.cli.output import follow, progress, show, stoppable, write_json, write_page
 from ivtools.errors import DataError
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def diagnose(
     from ivtools.gap import diagnose_fleet
 
     loop = _loop(axis, names)
-    with writing(out or Path()), stoppable():
+    with stoppable():
         fleet = diagnose_fleet(
             names,
             loop,

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ivtools.cli import options
-from ivtools.cli.output import show, writing
+from ivtools.cli.output import show
 from ivtools.errors import AxisError, DataError
+from ivtools.files import write
 
 if TYPE_CHECKING:
     from ivtools.loop import ClosedLoop
@@ -42,8 +43,7 @@ def mjcf(
     loop = _diagnosed(closed_loop(model, joint, actuator), content)
     theta, changes = _values(loop, content)
     made = export(model, joint, loop, theta, actuator=actuator, changes=changes)
-    with writing(out):
-        made.write(out)
+    made.write(out)
     told = [f"{out}: {len(made.native)} terms, {', '.join(made.native)}"]
     told += [f"not held by MuJoCo, a comment in the file: {name}" for name in made.lost]
     show("\n".join(told))
@@ -61,8 +61,7 @@ def urdf(
 
     theta, changes = _values(None, _read(diagnosis))
     xml, lost = export(model, joint, theta, changes)
-    with writing(out):
-        out.write_text(xml, encoding="utf-8")
+    write(out, xml)
     show("\n".join([f"{out}: damping and friction of {joint}", *lost]))
 
 
@@ -74,9 +73,8 @@ def json(
     from ivtools.simulators.plain import described
 
     loop, content = _own(axis, diagnosis)
-    with writing(out):
-        text = jsons.dumps(described(loop, content["theta"]), indent=2, allow_nan=False)
-        out.write_text(text + "\n", encoding="utf-8")
+    text = jsons.dumps(described(loop, content["theta"]), indent=2, allow_nan=False)
+    write(out, text + "\n")
     show(f"{out}: {len(loop.terms)} terms")
 
 
@@ -88,8 +86,7 @@ def python(
     from ivtools.simulators.plain import program
 
     loop, content = _own(axis, diagnosis)
-    with writing(out):
-        out.write_text(program(loop, content["theta"]), encoding="utf-8")
+    write(out, program(loop, content["theta"]))
     show(f"{out}: force(q, dq, ddq, tau, t) and simulate(t, q_ref)")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ivtools.display import plain
-from ivtools.errors import DataError
+from ivtools.files import write
 
 if TYPE_CHECKING:
     from ivtools.report import Page
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 
 STDOUT = Path("-")
 INTERRUPTED = 130  # exit status, as shells have it
-_FULL = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EMFILE)
 
 
 def show(*texts: object, json_file: Path | None = None) -> None:
@@ -51,14 +49,7 @@ def write_json(content: Mapping[str, Any] | Sequence[Any], file: Path | None) ->
     if file == STDOUT:
         typer.echo(text, nl=False)
         return
-    with writing(file):
-        if file.exists() and not file.is_file():
-            file.write_text(text, encoding="utf-8")  # a device, or an error
-            return
-        file.parent.mkdir(parents=True, exist_ok=True)
-        part = file.with_name(f".{file.name}.part")
-        part.write_text(text, encoding="utf-8")
-        part.replace(file)
+    write(file, text)
 
 
 def write_page(page: Page, folder: Path, name: str = "report.html") -> Path:
@@ -69,25 +60,7 @@ def write_page(page: Page, folder: Path, name: str = "report.html") -> Path:
     DataError
         The folder cannot be written.
     """
-    with writing(folder):
-        return page.write(folder / name, figures=True)
-
-
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Turn a path that cannot be written into an error of the input.
-
-    A full disk is no fault of the input and stays what it is.
-    """
-    try:
-        yield
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        if error.errno in _FULL:
-            raise
-        reason = error.strerror or type(error).__name__
-        raise DataError(f"cannot write {path}: {reason}; name another place") from error
+    return page.write(folder / name, figures=True)
 
 
 @contextmanager

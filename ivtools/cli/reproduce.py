@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from ivtools.cli import options
-from ivtools.cli.output import show, write_json, write_page, writing
+from ivtools.cli.output import show, write_json, write_page
 
 
 def reproduce(
@@ -24,8 +24,7 @@ def reproduce(
 
         made = page(result)
         if html is not None:
-            with writing(html):
-                texts.append(f"report: {made.write(html)}")
+            texts.append(f"report: {made.write(html)}")
         if out is not None:
             texts.append(f"report: {write_page(made, out)}")
     write_json(result.to_dict(), json)

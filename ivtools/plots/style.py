@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from html import escape
 from io import BytesIO
 from pathlib import Path
+from threading import RLock
 from typing import Any
 
 import matplotlib as mpl
@@ -15,6 +16,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from ..files import write
 
 Array = NDArray[np.float64]
 
@@ -80,10 +83,16 @@ class Sheet(Figure):
         return encode(self, "png", dpi=160)
 
 
+_DRAWING = RLock()
+
+
 @contextmanager
 def look() -> Iterator[None]:
-    """Apply the style to what is drawn inside the block, and to nothing else."""
-    with mpl.rc_context(_STYLE):
+    """Apply the style to what is drawn inside the block, and to nothing else.
+
+    One thread draws at a time: Matplotlib's settings are those of the whole process.
+    """
+    with _DRAWING, mpl.rc_context(_STYLE):
         yield
 
 
@@ -217,6 +226,4 @@ def save(figure: Figure, path: str | Path, dpi: int = 200) -> Path:
     Path
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(encode(figure, path.suffix[1:] or "svg", dpi))
-    return path
+    return write(path, encode(figure, path.suffix[1:] or "svg", dpi))

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ivtools.files import write
 from ivtools.loop import ClosedLoop
 from ivtools.physics import Term
 from ivtools.simulators.mjcf import Axis, closed_loop, engine
@@ -44,9 +45,7 @@ class Export:
 
     def write(self, path: str | Path) -> Path:
         """Write the model beside the files it refers to; return its path."""
-        path = Path(path)
-        path.write_text(self.xml, encoding="utf-8")
-        return path
+        return write(path, self.xml)
 
 
 def export(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ivtools.errors import IVToolsError
+from ivtools.resume import resumable
 from ivtools.study import work
 from ivtools.study.case import Case
 from ivtools.study.outcome import identity, labelled
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from ivtools.study.score import Score
+
+
+MOST_SEEDS = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +67,9 @@ class Study:
         names = [case.name for case in self.cases]
         if not names or len(set(names)) < len(names):
             raise IVToolsError(f"cases {names} must be at least one, each of its own name")
-        if isinstance(self.seeds, bool) or not isinstance(self.seeds, int) or self.seeds < 1:
-            raise IVToolsError(f"seeds = {self.seeds!r} must be a whole number, 1 or more")
+        whole = isinstance(self.seeds, int) and not isinstance(self.seeds, bool)
+        if not whole or not 1 <= self.seeds <= MOST_SEEDS:
+            raise IVToolsError(f"seeds = {self.seeds!r}; a whole number from 1 to {MOST_SEEDS}")
 
     def run(
         self,
@@ -99,12 +104,24 @@ class Study:
         Raises
         ------
         DataError
-            If the folder holds what is no part of a study.
+            If the folder holds what is no part of a study, or another run has it.
         MissingExtraError
             If Dask is asked for and not installed.
         """
-        backend = known(backend)
-        store = _store(path)
+        store = None if path is None else Store(Path(path))
+        with resumable(None if store is None else store.folder):
+            table = self._run(store, n_jobs, known(backend), scheduler, progress)
+        self._last[:] = [table]
+        return table
+
+    def _run(
+        self,
+        store: Store | None,
+        n_jobs: int,
+        backend: Backend,
+        scheduler: str | None,
+        progress: Callable[[Progress], object] | None,
+    ) -> pd.DataFrame:
         away = backend == "dask" or (n_jobs != 1 and backend == "loky")
         plan = list(self._missing(store, away))
         pace = Pace(sum(b.last - b.first for b, _ in plan), progress)
@@ -118,9 +135,7 @@ class Study:
             pace.tick(block.last - block.first, seconds)
         if store is not None:
             parts = list(store.read(self._blocks()))
-        table = frame(parts, self._orders)
-        self._last[:] = [table]
-        return table
+        return frame(parts, self._orders)
 
     def table(self, path: str | Path) -> pd.DataFrame:
         """Return what a folder holds of this study, finished or not."""
@@ -162,21 +177,9 @@ class Study:
 
     def _missing(self, store: Store | None, away: bool) -> Iterator[Task]:
         """Yield what is not finished: ranges of repetitions and the estimators they lack."""
-        done = [] if store is None else [block for _, block in store.blocks()]
+        done = [] if store is None else [block for block, _ in store.blocks()]
         for case, block in zip(self.cases, self._blocks(), strict=True):
             for estimators, first, last in gaps(block, [b for b in done if b.case == block.case]):
                 mine = {k: self._labelled[k] for k in estimators}
                 sent = work.payload(case, mine) if away else work.Bench(case, mine)
                 yield Task(Block(block.case, estimators, first, last), sent)
-
-
-def _store(path: str | Path | None) -> Store | None:
-    if path is None:
-        return None
-    store = Store(Path(path))
-    try:
-        store.folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise IVToolsError(f"{path} cannot be a folder for results ({error.strerror})") from error
-    store.sweep()
-    return store

@@ -11,6 +11,8 @@ import numpy as np
 import pandas as pd
 
 from ivtools.display import Displayed
+from ivtools.files import write
+from ivtools.tables import csv
 
 if TYPE_CHECKING:
     from ivtools.report import Page
@@ -152,10 +154,9 @@ class Score(Displayed):
     def save(self, folder: str | Path) -> Path:
         """Write scores.csv, fits.csv, report.md, report.html and the figures to a folder."""
         folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        self.table.to_csv(folder / "scores.csv", index=False, float_format="%.6g")
-        self.fits.to_csv(folder / "fits.csv", index=False, float_format="%.6g")
-        (folder / "report.md").write_text(self.to_markdown(), encoding="utf-8")
+        write(folder / "scores.csv", csv(self.table))
+        write(folder / "fits.csv", csv(self.fits))
+        write(folder / "report.md", self.to_markdown())
         return self.page().write(folder / "report.html", figures=True)
 
     def summary(self) -> Text:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-import os
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ivtools.digest import digest
 from ivtools.errors import DataError
+from ivtools.files import write
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +42,6 @@ MEASURED = ("runtime",)
 
 Row = tuple[Any, ...]
 _ABOUT = b"ivtools"
-LEFT_S = 600.0  # no part takes so long to be written
 
 
 def part(rows: Sequence[Row]) -> pa.Table:
@@ -99,19 +98,19 @@ class Block:
     last: int
 
     @property
-    def filename(self) -> str:
-        """Name of the part file: two runs that compute the same give the same name."""
+    def stem(self) -> str:
+        """How the name of its part file begins."""
         who = digest(self.case, self.estimators)[:24]
-        return f"part-{who}-{self.first:07d}-{self.last:07d}.parquet"
+        return f"part-{who}-{self.first:07d}-{self.last:07d}"
 
 
 @dataclass(frozen=True)
 class Store:
     """A folder of part files, each written at once and never changed.
 
-    A part is written beside its place, flushed to the disk and moved there, which the file system
-    does whole or not at all; so a part that can be seen is complete, and what is finished is read
-    off the parts themselves. There is no list of them that could disagree.
+    A part is written whole or not at all, and what is finished is read off the parts themselves:
+    there is no list of them that could disagree. The name of a part ends with the checksum of its
+    content.
 
     Parameters
     ----------
@@ -130,52 +129,61 @@ class Store:
             "estimators": dict(block.estimators),
             "seeds": [block.first, block.last],
         }
-        table = table.replace_schema_metadata({_ABOUT: json.dumps(about).encode()})
-        place = self.folder / block.filename
-        beside = place.with_name(f"{place.name}.{os.getpid()}.tmp")
-        with open(beside, "wb") as file:
-            pq.write_table(table, file, compression="zstd")
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, place)
+        content, file = table.replace_schema_metadata({_ABOUT: json.dumps(about)}), BytesIO()
+        pq.write_table(content, file, compression="zstd")
+        data = file.getvalue()
+        write(self.folder / f"{block.stem}-{checksum(data)}.parquet", data)
 
-    def blocks(self) -> Iterator[tuple[Path, Block]]:
-        """Yield the finished blocks and their files, in the order of the names."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+    def blocks(self) -> Iterator[tuple[Block, pa.Table]]:
+        """Yield the finished blocks and their rows, in the order of the names.
 
+        Raises
+        ------
+        DataError
+            A file is not as it was written.
+        """
         for path in sorted(self.folder.glob("part-*.parquet")):
             try:
-                about = json.loads(pq.read_schema(path).metadata[_ABOUT])
-                block = Block(about["case"], about["estimators"], *about["seeds"])
-            except (pa.ArrowInvalid, OSError, KeyError, TypeError, ValueError) as error:
+                yield _block(path)
+            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+                reason = " ".join(str(error).split())[:200]
                 raise DataError(
-                    f"{path} is not a part of a study ({error}); delete it and run again"
+                    f"{path} is not a part of a study ({reason}); delete it and run again"
                 ) from error
-            yield path, block
 
     def read(self, wanted: Iterable[Block]) -> Iterator[pa.Table]:
         """Yield the rows of the wanted repetitions, each once, file by file."""
         import pyarrow.compute as pc
-        import pyarrow.parquet as pq
 
         cases = {block.case: block for block in wanted}
-        for path, block in self.blocks():
+        for block, rows in self.blocks():
             mine = cases.get(block.case)
             if mine is None:
                 continue
             labels = [k for k, v in block.estimators.items() if mine.estimators.get(k) == v]
             if labels and block.first < mine.last:
-                rows = pq.read_table(path)
                 keep = pc.and_(
                     pc.is_in(rows["estimator"], pc.cast(labels, "string")),
                     pc.less(rows["seed"], mine.last),
                 )
                 yield rows.filter(keep).replace_schema_metadata(None)
 
-    def sweep(self) -> None:
-        """Remove what killed runs have left half-written; what is being written is younger."""
-        for path in self.folder.glob("part-*.tmp"):
-            with suppress(FileNotFoundError):  # another run was quicker
-                if time.time() - path.stat().st_mtime > LEFT_S:
-                    path.unlink()
+
+def _block(path: Path) -> tuple[Block, pa.Table]:
+    """Return what a part says that it is, and its rows."""
+    import pyarrow.parquet as pq
+
+    data = path.read_bytes()
+    if not path.stem.endswith(f"-{checksum(data)}"):
+        raise ValueError("its content does not have the checksum of its name")
+    rows = pq.read_table(BytesIO(data))
+    about = json.loads(rows.schema.metadata[_ABOUT])
+    block = Block(str(about["case"]), dict(about["estimators"]), *map(int, about["seeds"]))
+    if not rows.schema.equals(part([]).schema) or path.stem != f"{block.stem}-{checksum(data)}":
+        raise ValueError("its name or its columns are not those of its rows")
+    return block, rows
+
+
+def checksum(data: bytes) -> str:
+    """Return the checksum of a part, as its name ends."""
+    return hashlib.sha256(data).hexdigest()[:16]

@@ -10,10 +10,11 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+from ...files import write
 from ...physics import EFFECTS
-from ...tables import Text, table
+from ...tables import Text, csv, table
 from .entry import FAILED, Entry
-from .shelf import PAGES, write
+from .shelf import PAGES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -182,7 +183,7 @@ class Fleet:
     def save(self, folder: str | Path) -> Path:
         """Write the table and the overview into a folder, and return the overview."""
         folder = Path(folder)
-        write(folder / TABLE, self.frame().to_csv(index=False, float_format="%.6g"))
+        write(folder / TABLE, csv(self.frame()))
         return self.to_html(folder / OVERVIEW)
 
     def _html(self, links: str) -> str:

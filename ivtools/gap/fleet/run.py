@@ -15,13 +15,14 @@ from ...errors import IVToolsError
 from ...loop import ClosedLoop
 from ...physics import Term
 from ...record import Record
+from ...resume import resumable
 from ...workers import Backend, Clock, Progress, known, outcomes, packed, quiet
 from ..diagnose import diagnose
 from ..diagnosis import Diagnosis
 from ..rules import Rules
 from .entry import Entry
 from .fleet import Fleet
-from .shelf import Shelf
+from .shelf import PAGES, Shelf
 from .source import Given, Source, sources
 
 
@@ -96,25 +97,25 @@ def diagnose_fleet(
     """
     backend = known(backend)
     shelf = None if path is None else Shelf(Path(path))
-    if shelf is not None:
-        shelf.open()
     settings = {"rules": rules, "extra": tuple(extra), "without": tuple(without)}
     given = sources(records, loop.log, data)
     if not given:
         raise IVToolsError("there is no record to diagnose; give files, data sets or records")
     judge = None if holdout is None else sources([holdout], loop.log, data)[0]
-    entries, jobs = _planned(given, judge, shelf, loop, settings)
-    clock = Clock(len(jobs), progress)
-    try:
+    with resumable(None if shelf is None else shelf.folder, PAGES):
+        entries, jobs = _planned(given, judge, shelf, loop, settings)
+        clock = Clock(len(jobs), progress)
         tasks = _tasks(jobs, loop, settings, shelf is not None, entries, clock)
-        for key, done, html in outcomes(_work, tasks, _fewer(n_jobs, jobs), backend, scheduler):
-            kept = done if shelf is None or done.error else shelf.keep(done, key, html)
-            entries[done.name] = kept
-            clock.tick()
-    except KeyboardInterrupt:
-        fleet = _gathered(given, entries, loop, shelf)
-        raise KeyboardInterrupt(fleet.stopped(len(given))) from None
-    return _gathered(given, entries, loop, shelf)
+        work = outcomes(_work, tasks, _fewer(n_jobs, jobs), backend, scheduler, _lost)
+        try:
+            for key, done, html in work:
+                kept = done if shelf is None or done.error else shelf.keep(done, key, html)
+                entries[done.name] = kept
+                clock.tick()
+        except KeyboardInterrupt:
+            fleet = _gathered(given, entries, loop, shelf)
+            raise KeyboardInterrupt(fleet.stopped(len(given))) from None
+        return _gathered(given, entries, loop, shelf)
 
 
 def _gathered(
@@ -199,6 +200,11 @@ def _work(key: str, entry: Entry, sent: bytes, paged: bool) -> tuple[str, Entry,
         diagnosis=None if paged else found,
     )
     return key, done, html
+
+
+def _lost(key: str, entry: Entry, sent: bytes, paged: bool, reason: str) -> tuple[str, Entry, str]:
+    """Return the entry of a record that no worker survives."""
+    return key, replace(entry, error=f"it cannot be diagnosed: {reason}"), ""
 
 
 def _line(error: Exception) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ...errors import DataError
+from ...files import write
 from .entry import Entry
 
 PAGES = "records"
@@ -17,9 +18,9 @@ PAGES = "records"
 class Shelf:
     """A folder of diagnoses: per record a page, and beside it what it was made of.
 
-    The page is written first and moved to its name whole, the JSON file after it; so a record
-    whose JSON file is there is finished. The JSON file holds the key of what the diagnosis rests
-    on: with another key the record is not finished.
+    The page is written first, the JSON file after it; so a record whose JSON file is there is
+    finished. The JSON file holds the key of what the diagnosis rests on, and the checksum of
+    itself and the page: with another key or content the record is not finished.
 
     Parameters
     ----------
@@ -29,29 +30,15 @@ class Shelf:
 
     folder: Path
 
-    def open(self) -> None:
-        """Make the folder.
-
-        Raises
-        ------
-        DataError
-            It cannot be made.
-        """
-        try:
-            (self.folder / PAGES).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise DataError(
-                f"{self.folder} cannot be a folder for diagnoses ({error.strerror}); name another"
-            ) from error
-
     def find(self, entry: Entry, key: str) -> Entry | None:
         """Return the finished entry of that name and key, if there is one."""
         page = self.page(entry)
         try:
-            found = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return None
-        if not isinstance(found, dict) or found.get("key") != key or not page.is_file():
+            found = json.loads(page.with_suffix(".json").read_bytes())
+            check = found.pop("checksum")
+            if found["key"] != key or check != _checksum(found, page.read_bytes()):
+                return None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
         return replace(
             entry,
@@ -70,6 +57,7 @@ class Shelf:
             "seconds": entry.seconds,
             "diagnosis": entry.content,
         }
+        about["checksum"] = _checksum(json.loads(json.dumps(about)), html.encode())
         write(page, html)
         write(page.with_suffix(".json"), json.dumps(about, indent=1) + "\n")
         return replace(entry, page=page)
@@ -79,8 +67,6 @@ class Shelf:
         return self.folder / PAGES / f"{entry.name}.html"
 
 
-def write(file: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    part = file.with_name(f".{file.name}.part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(file)
+def _checksum(about: dict[str, Any], page: bytes) -> str:
+    text = json.dumps(about, sort_keys=True).encode()
+    return hashlib.sha256(text + hashlib.sha256(page).digest()).hexdigest()
