@@ -23,8 +23,8 @@ from .simulation import Simulation
 if TYPE_CHECKING:
     import control
 
-    from .controller_fit import ControllerFit
     from .default_pipeline import Rule
+    from .identification import ControllerFit
 
 _LONGEST_DELAY = 10.0  # s; what is longer is a slip of the unit
 Initial = Literal["record", "rest"] | tuple[float, float]
@@ -270,7 +270,7 @@ class ClosedLoop(Model):
         >>> loop.controller.kind, round(report.estimates["kp"], 1)
         ('cascade-pd', 160.2)
         """
-        from .controller_fit import identify
+        from .identification import identify
 
         report = identify(self, record)
         return replace(self, controller=report.controller, notes=(*self.notes, report.note)), report

@@ -46,6 +46,13 @@ class Kind:
     tracking : callable, optional
         From the settings to what an integrator takes back, per s and per command beyond the limit,
         with `anti_windup = "back-calculation"`.
+    forms : tuple of tuple of str
+        Columns by which the law is a linear regression; several, if some settings are then fixed.
+        ``e``, ``q_ref``, ``-q``, ``dq_ref``; ``-dq`` and ``lag`` = dq_ref - dq, one column for each
+        tap of the velocity; their sums over time ``int e`` and ``int lag``, and ``1``.
+    from_columns : callable, optional
+        From the coefficients of a form, those of all taps summed under ``dq``, to the settings
+        that they may belong to.
     """
 
     equation: str
@@ -57,6 +64,8 @@ class Kind:
     position: bool = True
     velocity: bool = True
     tracking: Callable[[Settings], float] | None = None
+    forms: tuple[tuple[str, ...], ...] = ()
+    from_columns: Callable[[Mapping[str, float]], list[dict[str, float]]] = lambda found: []
 
     @property
     def settings(self) -> tuple[str, ...]:
@@ -162,10 +171,86 @@ def _state_space(s: Settings, dt: float, taps: Array) -> LinearLaw:
     return LinearLaw(gains, np.zeros(1), A, into, C[0], np.zeros(n), np.zeros(n, dtype=bool))
 
 
+# --- from the coefficients of a regression ------------------------------------------------------
+
+_SNAP = 0.02  # a weight of the velocity reference nearer to 0 or 1 is meant to be that
+
+
+def _weight(found: Mapping[str, float]) -> dict[str, float]:
+    """Return the weight c of the velocity reference: of a lag it is 1, without a column 0."""
+    if "lag" in found:
+        return {}
+    c = found.get("dq_ref", 0.0) / found["dq"]
+    return {"c": min((0.0, 1.0), key=lambda x: abs(x - c)) if abs(c * (1 - c)) < _SNAP else c}
+
+
+def _to_cascade_pd(found: Mapping[str, float]) -> list[dict[str, float]]:
+    return [{"kp": found["e"] / found["dq"], "kv": found["dq"]}]
+
+
+def _to_pd(found: Mapping[str, float]) -> list[dict[str, float]]:
+    """Leave what has no weight of the velocity reference to cascade-pd, which it is."""
+    c = _weight(found)
+    return [{"kp": found["e"], "kd": found["dq"]} | c] if c.get("c", 1.0) else []
+
+
+def _to_p_velocity(found: Mapping[str, float]) -> list[dict[str, float]]:
+    return [{"kv": found["dq"]} | _weight(found)]
+
+
+def _to_pi_velocity(found: Mapping[str, float]) -> list[dict[str, float]]:
+    return [{"kv": found["dq"], "ki": found["int lag"] / found["dq"]}]
+
+
+def _to_pid(found: Mapping[str, float]) -> list[dict[str, float]]:
+    whole = {"kp": found["e"] + found.get("-q", 0.0), "ki": found["int e"]}
+    if "dq" in found:
+        whole |= {"kd": found["dq"]} | _weight(found)
+    b = found["e"] / whole["kp"] if whole["kp"] else 1.0
+    return [whole | ({"b": b} if abs(b - 1.0) > _SNAP else {})]
+
+
+def _to_p_pi(found: Mapping[str, float]) -> list[dict[str, float]]:
+    """Solve the gains on q, kv (kp + ki), q_ref, kv (kp + c ki), and the integral, kv kp ki.
+
+    Where c is 1 the law is the same with kp and ki in each other's place, but for the sampling.
+    """
+    kv, c = found["dq"], _weight(found)
+    outer = found["e"] / kv
+    if abs(1.0 - c.get("c", 1.0)) > _SNAP:
+        ki = found["-q"] / (kv * (1.0 - c["c"])) if "-q" in found else 0.0
+        return [{"kp": outer - c["c"] * ki, "kv": kv, "ki": ki} | c]
+    inner = outer**2 - 4.0 * found["int e"] / kv
+    if inner < -_SNAP * outer**2:
+        return []
+    root = np.sqrt(max(inner, 0.0))
+    low, high = float(outer - root) / 2.0, float(outer + root) / 2.0
+    return [{"kp": kp, "kv": kv, "ki": outer - kp} | c for kp in (low, high)]
+
+
+_INTEGRAL = (
+    ("e", "lag", "int e", "1"),
+    ("e", "-dq", "-q", "int e", "1"),
+    ("e", "dq_ref", "-dq", "-q", "int e", "1"),
+)
+
 KINDS: dict[str, Kind] = {
-    "cascade-pd": Kind("nu = kv (kp e - dq)", ("kp", "kv"), _cascade_pd, ("kv",)),
+    "cascade-pd": Kind(
+        "nu = kv (kp e - dq)",
+        ("kp", "kv"),
+        _cascade_pd,
+        ("kv",),
+        forms=(("e", "-dq"),),
+        from_columns=_to_cascade_pd,
+    ),
     "pd": Kind(
-        "nu = kp e + kd (c dq_ref - dq)", ("kp", "kd"), _pd, ("kp", "kd"), optional={"c": 1.0}
+        "nu = kp e + kd (c dq_ref - dq)",
+        ("kp", "kd"),
+        _pd,
+        ("kp", "kd"),
+        optional={"c": 1.0},
+        forms=(("e", "lag"), ("e", "dq_ref", "-dq")),
+        from_columns=_to_pd,
     ),
     "pid": Kind(
         "nu = kp (b q_ref - q) + ki int e + kd (c dq_ref - dq)/(derivative_filter s + 1)",
@@ -175,6 +260,8 @@ KINDS: dict[str, Kind] = {
         optional={"kd": 0.0, "derivative_filter": 0.0, "b": 1.0, "c": 1.0},
         gains=("kp", "ki", "kd"),
         tracking=lambda s: abs(s["ki"] / s["kp"]) if s["kp"] else 0.0,
+        forms=(("e", "-dq", "int e", "1"), ("e", "int e", "1"), *_INTEGRAL),
+        from_columns=_to_pid,
     ),
     "p-pi": Kind(
         "nu = kv (ev + ki int ev), ev = kp e + c dq_ref - dq",
@@ -183,6 +270,8 @@ KINDS: dict[str, Kind] = {
         ("kv",),
         optional={"c": 1.0},
         tracking=lambda s: s["ki"] / s["kv"] if s["kv"] else 0.0,
+        forms=_INTEGRAL,
+        from_columns=_to_p_pi,
     ),
     "pi-velocity": Kind(
         "nu = kv (ev + ki int ev), ev = c dq_ref - dq",
@@ -192,6 +281,8 @@ KINDS: dict[str, Kind] = {
         optional={"c": 1.0},
         position=False,
         tracking=lambda s: s["ki"] / s["kv"] if s["kv"] else 0.0,
+        forms=(("lag", "int lag", "1"),),
+        from_columns=_to_pi_velocity,
     ),
     "p-velocity": Kind(
         "nu = kv (c dq_ref - dq)",
@@ -200,6 +291,8 @@ KINDS: dict[str, Kind] = {
         ("kv",),
         optional={"c": 1.0},
         position=False,
+        forms=(("lag",), ("dq_ref", "-dq")),
+        from_columns=_to_p_velocity,
     ),
     "state-space": _StateSpace(
         "x+ = A x + B (q_ref, q), nu = C x + D (q_ref, q)",

@@ -1,0 +1,6 @@
+"""The control law, read from a record: which kind, which gains, and what no law explains."""
+
+from .report import ControllerFit
+from .search import identify
+
+__all__ = ["ControllerFit", "identify"]

@@ -1,0 +1,199 @@
+"""The search: every form of every kind, the few best polished, the cheapest that explains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...record import Record
+from ..controllers import Controller
+from ..controllers.filters import LoopFilter
+from .data import Data
+from .forms import Form, Regressions, plausible, price
+from .polish import Fitted, polished
+from .report import ControllerFit, Tried, fit_of
+
+if TYPE_CHECKING:
+    from ..closed_loop import ClosedLoop
+
+_NOISY = 1e-4  # share of the power that a law leaves which did not see just what was logged
+_PERFECT = 1e-14  # share of the power that exact data leave
+_EACH = 2  # forms of a kind that become laws, with feed-forwards and without
+_WORSE = 1e3  # times the power left of the best law from which a form is none
+_CONSTANTS = 2  # columns of a cascade's form that are no settings of it
+_PART = 5000  # samples among which a filter is looked for
+_STARTS = 4  # laws with filters that are fitted
+_ALIKE = 0.2  # of the price of a setting: laws as good as each other
+_FILTERED = 1e-5  # share of the power left from which a filter in the loop is looked for
+_WORTH = 0.5  # of the residual's power that it must remove
+_HZ = (0.01, 0.02, 0.035, 0.06, 0.1, 0.16, 0.25, 0.38)  # of the sampling rate
+_SHARE = (None, 0.7), (0.3, 0.7)  # dampings tried: of a low-pass, of a notch
+_LAGS = (1.0, 3.0, 10.0, 30.0)  # samples, of a derivative's filter
+
+
+def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
+    """Fit the control law of a record; see `ClosedLoop.identify_controller`."""
+    ways = [False, True] if record.dq is not None else [False]
+    if loop.controller.velocity == "logged" and record.dq is not None:
+        ways = [True]
+    found: list[tuple[Fitted, Data]] = []
+    tried: list[Tried] = []
+    for logged in ways:
+        data = Data.of(loop, record, logged)
+        best, forms = _best(loop, data)
+        tried += forms
+        if best is not None:
+            found.append((best, data))
+    best, data = min(found, key=lambda f: f[0].criterion, default=(None, data))
+    if best is not None and best.left > _NOISY:
+        better = _quiet(loop, data, best)
+        return fit_of(loop, *(better or (best, data)), tried)
+    return fit_of(loop, best, data, tried)
+
+
+def _best(loop: ClosedLoop, data: Data) -> tuple[Fitted | None, list[Tried]]:
+    """Return the law that explains the command at the least price, and what was tried."""
+    regressions = Regressions(data)
+    forms = list(regressions.forms())
+    tried = [Tried(f.kind, len(f.taps), f.delay, f.left) for f in forms]
+    fitted = _fitted(loop, data, [*forms, *_grown(regressions, forms)])
+    if not fitted:
+        return None, tried
+    best = _chosen(loop, fitted, len(data.rows))
+    if best.left > _FILTERED:
+        best = _chosen(loop, [*fitted, *_surrounded(loop, data, best.left)], len(data.rows))
+    return best, tried
+
+
+def _grown(regressions: Regressions, forms: list[Form]) -> list[Form]:
+    """Return the best forms of each kind with feed-forwards and columns beside them."""
+    best: dict[tuple[str, int], Form] = {}
+    for form in sorted(forms, key=lambda f: f.criterion):
+        best.setdefault((form.kind, len(form.columns)), form)
+    grown = []
+    for form in best.values():
+        same = [f for f in forms if f.kind == form.kind and f.columns == form.columns]
+        grown += [regressions.grown(f) for f in same]
+    return [f for f in grown if f.further]
+
+
+def _fitted(loop: ClosedLoop, data: Data, forms: list[Form]) -> list[Fitted]:
+    """Return the best forms of each kind as laws, without those with a gain against its error.
+
+    A form says how good its law is, but for a cascade with an integrator: that is no linear
+    regression, and may be better than its form.
+    """
+    found: list[Fitted] = []
+    count: dict[tuple[str, bool], int] = {}
+    for form in sorted(forms, key=lambda f: f.criterion):
+        group = (form.kind, bool(form.further))
+        least = min((f.left for f in found), default=np.inf)
+        cheapest = min((len(f.names) for f in found if f.left < _PERFECT), default=99)
+        linear = form.kind != "p-pi"
+        if count.get(group, 0) >= _EACH or (linear and form.left > _WORSE * max(least, _PERFECT)):
+            continue
+        if len(form.columns) + len(form.further) > cheapest + 1 + _CONSTANTS * (not linear):
+            continue
+        controllers = form.controllers(loop.controller, data)
+        count[group] = count.get(group, 0) + bool(controllers)
+        found += [polished(data, c) for c in controllers]
+    return [f for f in found if plausible(f.controller.settings, data.sign)]
+
+
+def _chosen(loop: ClosedLoop, fitted: list[Fitted], rows: int) -> Fitted:
+    """Return the cheapest law; among equals the declared kind, then the nearest to it."""
+    least = min(f.criterion for f in fitted)
+    alike = [f for f in fitted if f.criterion <= least + _ALIKE * price(rows)]
+    order = ["cascade-pd", "p-pi", "pd", "pi-velocity", "p-velocity", "pid"]
+
+    def rank(f: Fitted) -> tuple[bool, int, float]:
+        return (
+            f.controller.kind != loop.controller.kind,
+            order.index(f.controller.kind),
+            _distance(f.controller, loop.controller),
+        )
+
+    return min(alike, key=rank)
+
+
+def _distance(one: Controller, other: Controller) -> float:
+    """Return how far the gains of one kind are apart; else prefer the slower outer loop."""
+    if one.kind != other.kind:
+        return float(one.settings.get("kp", 0.0))
+    pairs = [(one.full[k], other.full[k]) for k in ("kp", "kv", "ki", "kd") if k in one.full]
+    return sum(abs(np.log(max(abs(a), 1e-12) / max(abs(b), 1e-12))) for a, b in pairs)
+
+
+# --- what surrounds the law --------------------------------------------------------------------
+
+
+def _surrounded(loop: ClosedLoop, data: Data, least: float) -> list[Fitted]:
+    """Return the best laws with a filter in the loop, or of the derivative."""
+    fs = data.record.sampling_hz
+    part = data.part(_PART)
+    starts: list[tuple[float, Controller]] = []
+    for shape, lag in _filters(fs):
+        behind = replace(part, shape=shape, lag=lag)
+        regressions = Regressions(behind)
+        forms = [f for f in regressions.forms() if not lag or f.kind == "pid"]
+        for form in sorted(forms, key=lambda f: f.criterion)[:3]:
+            grown = regressions.grown(form)
+            for c in grown.controllers(loop.controller, data)[:1]:
+                own = {**c.settings, "derivative_filter": lag} if lag else c.settings
+                starts.append((grown.criterion, replace(c, filter=shape, settings=own)))
+    starts.sort(key=lambda start: start[0])
+    found = [polished(data, c) for _, c in starts[:_STARTS]]
+    return [
+        f
+        for f in found
+        if f.left < _WORTH * least
+        and _stands(f.controller, fs)
+        and plausible(f.controller.settings, data.sign)
+    ]
+
+
+def _filters(fs: float) -> list[tuple[LoopFilter | None, float]]:
+    """Return filters of the command, and time constants of the derivative."""
+    shapes: list[tuple[LoopFilter | None, float]] = [
+        (LoopFilter(kind, share * fs, damping), 0.0)
+        for kind, dampings in zip(("lowpass", "notch"), _SHARE, strict=True)
+        for damping in dampings
+        for share in _HZ
+    ]
+    return shapes + [(None, n / fs) for n in _LAGS]
+
+
+def _stands(controller: Controller, fs: float) -> bool:
+    """Whether a fitted filter is one."""
+    shape, lag = controller.filter, float(controller.full.get("derivative_filter", 0.0))
+    return lag >= 0.0 and (
+        shape is None or (0.0 < shape.hz < 0.5 * fs and 0.0 < (shape.damping or 1.0) < 20.0)
+    )
+
+
+# --- noise between the encoder and the log -----------------------------------------------------
+
+
+def _quiet(loop: ClosedLoop, data: Data, raw: Fitted) -> tuple[Fitted, Data] | None:
+    """Return the law behind a low-pass, if noise of the log has shrunk the gains of the raw one.
+
+    A velocity that is differentiated from a noisy position is mostly noise; where the controller
+    did not see that noise, the regression takes it for velocity that had no effect, and gains come
+    out too small. Below a low-pass the noise is nothing, and the law is the same.
+    """
+    hz = data.quiet_hz
+    if hz is None:
+        return None
+    low = replace(data, low_pass=hz)
+    if low.rows.sum() < 20 * (len(raw.names) + 1):
+        return None
+    same = polished(low, raw.controller)
+    gains = [n for n in raw.names if n in ("kp", "kv", "kd")]
+    before, after = raw.controller.settings, same.controller.settings
+    moved = [abs(after[n] / before[n] - 1.0) for n in gains if before[n]]
+    if not moved or max(moved) < 1e-3:
+        return None
+    best, _ = _best(loop, low)
+    return (best, low) if best is not None and best.left < raw.left else None

@@ -1,0 +1,126 @@
+"""Laws read from records: a population of every kind, and what surrounds them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks import populations
+from ivtools.errors import RecordError
+from ivtools.loop import Controller
+
+UNKNOWN = Controller("identify", {})
+pytestmark = pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
+
+
+def played(seed, kind, extra=None, noise=1e-4, **changes):
+    """Return a loop, and a record of it with noise of the encoder, in parts of the stroke."""
+    rng = np.random.default_rng([seed, len(kind)])
+    loop, theta, stroke = populations.axis(rng, ("prismatic", "revolute")[seed % 2])
+    hz = float(rng.choice([100, 250, 1000, 2000, 8000]))
+    law = replace(populations.controller(rng, kind, theta["inertia"], hz), **changes)
+    loop = replace(loop, controller=populations.scaled(law, loop.gain))
+    record = populations.reference(rng, int(min(12 * hz, 16000)), hz, stroke, extra)
+    white = noise * stroke * rng.normal(size=record.n_samples)
+    made = loop.simulate(record, theta, initial="rest", position_noise=white)
+    return loop, theta, record.replace(q=made.q, nu=made.nu)
+
+
+def gains(controller):
+    return {k: v for k, v in controller.full.items() if k in ("kp", "kv", "ki", "kd", "b", "c")}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", [k for k in populations.KINDS if k != "state-space"])
+def test_the_law_of_any_kind_is_found(kind, seed):
+    loop, _, record = played(seed, kind)
+    found = replace(loop, controller=UNKNOWN).identify_controller(record)[1].controller
+    assert (found.kind, found.delay) == (kind, loop.controller.delay)
+    assert gains(found) == pytest.approx(gains(loop.controller), rel=0.02, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["cascade-pd", "p-pi"])
+def test_feed_forwards_that_are_not_in_the_log_are_told(kind):
+    rng = np.random.default_rng(5)
+    loop, theta, record = played(1, kind)
+    inertia = 0.7 * theta["inertia"]
+    fed = replace(loop.controller, feedforward={"acceleration": inertia / loop.gain})
+    fed_loop = replace(loop, controller=fed)
+    made = fed_loop.simulate(
+        record,
+        theta,
+        initial="rest",
+        position_noise=rng.normal(size=1) * 0 + np.zeros(record.n_samples),
+    )
+    report = replace(loop, controller=UNKNOWN).identify_controller(
+        record.replace(q=made.q, nu=made.nu)
+    )[1]
+    found = report.controller.feedforward["acceleration"] * loop.gain
+    assert found == pytest.approx(inertia, rel=0.02)
+    assert any("kg m2 of inertia feed-forward is in the command" in t for t in report.remains)
+
+
+def test_another_feedback_is_found_by_its_column():
+    rng = np.random.default_rng(2)
+    loop, theta, record = played(2, "cascade-pd")
+    n = record.n_samples
+    strain = np.convolve(rng.normal(size=n), np.hanning(25), mode="same")
+    record = record.replace(extra={"strain": strain})
+    gain = 0.3 * float(np.std(record.nu)) / float(np.std(strain))
+    bent = replace(loop, controller=replace(loop.controller, feedback={"strain": gain}))
+    made = bent.simulate(record, theta, initial="rest")
+    report = replace(loop, controller=UNKNOWN).identify_controller(
+        record.replace(q=made.q, nu=made.nu)
+    )[1]
+    assert report.controller.feedback == {"strain": pytest.approx(gain, rel=0.01)}
+    assert "another feedback: column strain" in report.note
+
+
+def test_a_compensation_is_told_by_its_period():
+    loop, _, record = played(1, "p-velocity", noise=0.0)
+    q = record.q * 20.0 / np.ptp(record.q)  # three turns
+    rng = np.random.default_rng(0)
+    q_ref = q + 1e-3 * np.cumsum(rng.normal(size=q.shape), axis=0) / 100
+    nu = 2.0 * np.gradient(q_ref - q, record.dt, axis=0)
+    nu += 0.5 * float(np.std(nu)) * np.sin(72 * q)
+    report = replace(loop, gain=1.0, controller=UNKNOWN).identify_controller(
+        record.replace(q=q, q_ref=q_ref, nu=nu)
+    )[1]
+    assert any("periodic in q, 72 per turn: a compensation" in t for t in report.remains)
+
+
+def test_the_logged_velocity_is_the_controllers():
+    loop, theta, record = played(2, "p-velocity")
+    smooth = np.convolve(record.q[:, 0], np.ones(9) / 9, mode="same")
+    dq = np.gradient(smooth, record.dt)
+    dq_ref = np.gradient(record.q_ref[:, 0], record.dt)
+    kv = loop.controller.settings["kv"]
+    record = record.replace(dq=dq, nu=kv * (dq_ref - dq))
+    found = replace(loop, controller=UNKNOWN).identify_controller(record)[1].controller
+    assert found.velocity == "logged"
+    assert found.settings["kv"] == pytest.approx(kv, rel=1e-6)
+
+
+def test_no_gain_of_an_error_is_ever_negative():
+    for kind in ("cascade-pd", "pd", "p-velocity", "p-pi"):
+        loop, _, record = played(1, kind)
+        unknown = replace(loop, controller=UNKNOWN)
+        try:
+            report = unknown.identify_controller(record.replace(nu=-record.nu))[1]
+        except RecordError as error:
+            assert "came out negative; check the sign" in str(error)
+            continue
+        found = report.controller.settings
+        assert all(found.get(k, 0.0) >= 0.0 for k in ("kp", "kv", "kd", "ki"))
+        assert report.residual > 20.0 and "with care" in report.note
+
+
+def test_velocity_loops_need_no_position_reference():
+    loop, theta, record = played(2, "pi-velocity")
+    dq_ref = np.gradient(record.q_ref, record.dt, axis=0)
+    bare = record.replace(q_ref=None, dq_ref=dq_ref)
+    made = loop.simulate(bare, theta)
+    assert made.finite
+    found = replace(loop, controller=UNKNOWN).identify_controller(bare)[1].controller
+    assert found.kind == "pi-velocity"
+    assert gains(found) == pytest.approx(gains(loop.controller), rel=0.02)
