@@ -32,9 +32,9 @@ from ivtools.estimators.bound import cramer_rao, position_autocovariance, sensit
 from ivtools.estimators.compensated import IDIMBCIV
 from ivtools.estimators.instrumental import IDIMIV
 from ivtools.estimators.least_squares import IDIMLS
-from ivtools.estimators.noise import NoiseModel
 from ivtools.estimators.refined import IDIMPIV
 from ivtools.linalg import influence
+from ivtools.linalg.noise import NoiseModel
 from ivtools.record import Record
 
 RESULTS = Path(__file__).parent / "results"

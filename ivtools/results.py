@@ -74,6 +74,9 @@ class FitResults(Estimates, Goodness, WithTests):
         Remarks, one line each.
     extras : Mapping
         What else the method has to say (a noise model, a frontier ...).
+    effective_rows, freedom : Series (p,) or None
+        How many rows each parameter rests on, and the degrees of freedom of its variance (see
+        `linalg.Covariance`).
 
     Examples
     --------
@@ -105,6 +108,8 @@ class FitResults(Estimates, Goodness, WithTests):
     runtime: float = math.nan
     notes: tuple[str, ...] = ()
     extras: Mapping[str, Any] = field(default_factory=dict)
+    effective_rows: pd.Series | None = None
+    freedom: pd.Series | None = None
 
     @classmethod
     def from_solution(
@@ -137,11 +142,12 @@ class FitResults(Estimates, Goodness, WithTests):
         if isinstance(units, Mapping):
             units = [units[name] for name in index]
         resids = y - X @ np.asarray(theta, dtype=float)  # (N,)
-        cov = linalg.covariance(X, resids, Z, cov_type, weights=weights)
+        starts = _segments(status.get("t"), problem)
+        cov = linalg.estimate_covariance(X, resids, Z, cov_type, weights=weights, starts=starts)
         return cls(
             method=method,
             params=pd.Series(theta, index=index, name="params", dtype=float),
-            cov=pd.DataFrame(cov, index=index, columns=index),
+            **_labelled(cov, index),
             cov_type=cov_type,
             X=X,
             y=y,
@@ -159,8 +165,8 @@ class FitResults(Estimates, Goodness, WithTests):
         bandwidth: int | None = None,
         debiased: bool | None = None,
     ) -> FitResults:
-        """Return the same fit with another covariance (see `linalg.covariance`)."""
-        cov = linalg.covariance(
+        """Return the same fit with another covariance (see `linalg.estimate_covariance`)."""
+        cov = linalg.estimate_covariance(
             self.X,
             self.resids,
             self.Z,
@@ -168,9 +174,14 @@ class FitResults(Estimates, Goodness, WithTests):
             weights=self.weights,
             bandwidth=bandwidth,
             debiased=debiased,
+            starts=_segments(self.t, self.problem),
         )
-        names = self.params.index
-        return replace(self, cov=pd.DataFrame(cov, index=names, columns=names), cov_type=cov_type)
+        return replace(self, **_labelled(cov, self.params.index), cov_type=cov_type)
+
+    @property
+    def degrees_of_freedom(self) -> pd.Series:
+        """Degrees of freedom of the standard errors; infinite where these count as known."""
+        return super().degrees_of_freedom if self.freedom is None else self.freedom
 
     @property
     def signal(self) -> str:
@@ -299,14 +310,39 @@ class FitResults(Estimates, Goodness, WithTests):
         """Return the labelled figures above the table."""
         return [
             ("Covariance", COVARIANCES.get(self.cov_type, self.cov_type)),
-            ("Rows", str(self.nobs)),
+            ("Rows", self._rows()),
             ("Relative error", f"{self.relative_error:.4f} %"),
             ("Condition number", f"{self.condition_number:.4f}"),
             ("Converged", f"{'yes' if self.converged else 'NO'} ({self.n_iter} iterations)"),
             ("Simulations", str(self.n_simulations)),
         ]
 
+    def _rows(self) -> str:
+        """Write the number of rows, and how many the least known parameter rests on."""
+        if self.effective_rows is None or not self.converged:
+            return str(self.nobs)
+        return f"{self.nobs} ({self.effective_rows.min():.0f} effective)"
+
     def __repr__(self) -> str:
         pairs = zip(self.params.to_list(), self.std_errors.to_list(), strict=True)
         shown = ", ".join(f"{n} {rounded(*p)[0]}" for n, p in zip(self.names, pairs, strict=True))
         return f"<FitResults {self.method}: {shown}; relative error {self.relative_error:.3f} %>"
+
+
+def _labelled(cov: linalg.Covariance, names: pd.Index) -> dict[str, Any]:
+    """Return the covariance as attributes of a result."""
+    return {
+        "cov": pd.DataFrame(cov.matrix, index=names, columns=names),
+        "effective_rows": pd.Series(cov.rows, index=names, name="effective_rows"),
+        "freedom": pd.Series(cov.freedom, index=names, name="degrees_of_freedom"),
+    }
+
+
+def _segments(t: Array | None, problem: Problem | None) -> NDArray[np.intp] | None:
+    """Return the first rows of the segments without gaps, as far as the rows are known."""
+    if t is None:
+        return None
+    joints = getattr(problem, "row_joints", None)
+    if joints is None or len(joints) != len(t):
+        joints = np.zeros(len(t), dtype=int)
+    return linalg.segment_starts(t, joints)

@@ -13,8 +13,9 @@ import ivtools as iv
 from ivtools.errors import EstimationError
 from ivtools.estimators.bound import cramer_rao, position_autocovariance, sensitivities
 from ivtools.estimators.compensated import IDIMBCIV
-from ivtools.estimators.noise import NoiseModel, segment_starts, taken
 from ivtools.estimators.refined import IDIMPIV, whiteness
+from ivtools.linalg.autocovariance import segment_starts, taken
+from ivtools.linalg.noise import NoiseModel
 from ivtools.record import Record
 
 AR = np.array([1.2, -0.5])
@@ -67,7 +68,7 @@ def test_what_a_fit_takes_from_the_noise_is_given_back():
     left = np.eye(n) - X @ np.linalg.pinv(X)
     lost = S - left @ S @ left.T
     expected = [np.trace(lost, k) / n for k in range(lags + 1)]
-    np.testing.assert_allclose(taken(model, X, lags), expected, rtol=1e-6)
+    np.testing.assert_allclose(taken(model.inverse, model.sigma, X, lags), expected, rtol=1e-6)
 
 
 def test_a_fit_does_not_narrow_the_model_of_the_noise():

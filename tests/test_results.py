@@ -7,6 +7,7 @@ from dataclasses import FrozenInstanceError, dataclass, replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.special import stdtrit
 
 from ivtools.comparison import compare
 from ivtools.errors import EstimationError, IVToolsError
@@ -81,6 +82,10 @@ def test_derived_figures():
     np.testing.assert_allclose(fit.relative_std, 100 * fit.std_errors / fit.params.abs())
     np.testing.assert_allclose(fit.conf_int().mean(axis=1), fit.params)
     reach = (fit.conf_int()["upper"] - fit.params) / fit.std_errors
+    np.testing.assert_allclose(reach, stdtrit(fit.degrees_of_freedom, 0.975))
+    assert (fit.degrees_of_freedom < fit.effective_rows).all()
+    plain = fit.with_cov("robust").conf_int()
+    reach = (plain["upper"] - fit.params) / fit.with_cov("robust").std_errors
     np.testing.assert_allclose(reach, 1.959963984540054)
     e = fit.resids
     assert fit.errors == (

@@ -10,8 +10,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
-from ivtools.estimators.noise import NoiseModel
 from ivtools.linalg import influence
+from ivtools.linalg.noise import NoiseModel
 from ivtools.loop.bandwidth import axis_response
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.estimators.continuous import Hold
-from ivtools.estimators.noise import Criterion, NoiseModel
 from ivtools.estimators.transfer_function import SRIVC, Model
 from ivtools.linalg import solve_iv
+from ivtools.linalg.noise import Criterion, NoiseModel
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ivtools.errors import EstimationError
 from ivtools.estimators.compensated import IDIMBCIV
 from ivtools.estimators.instrumental import Step, System
-from ivtools.estimators.noise import MAX_ORDER, Criterion, NoiseModel, segment_starts
-from ivtools.linalg import Weights, covariance, solve_iv
+from ivtools.linalg import NoiseModel, Weights, covariance, segment_starts, solve_iv
+from ivtools.linalg.noise import MAX_ORDER, Criterion
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
@@ -35,7 +35,7 @@ class IDIMPIV(IDIMBCIV):
     of `IDIMBCIV`.
 
     A residual is smaller than the noise, by what the fit has taken from it; an autoregressive
-    model is given that back (`ivtools.estimators.noise.taken`), or intervals are too narrow.
+    model is given that back (`ivtools.linalg.autocovariance.taken`), or intervals are too narrow.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
+from ivtools.linalg.autocovariance import autocovariance, taken
 
 Array = NDArray[np.float64]
 Criterion = Literal["aic", "bic"]
@@ -105,7 +106,7 @@ class NoiseModel:
         model = cls._of_best_order(acov, starts, len(e), penalty)
         if fitted is None:
             return model
-        acov += taken(model, fitted, top)
+        acov += taken(model.inverse, model.sigma, fitted, top)
         return cls._of_best_order(acov, starts, len(e), penalty)
 
     @classmethod
@@ -143,6 +144,11 @@ class NoiseModel:
         return len(self.coefficients)
 
     @property
+    def inverse(self) -> Array:
+        """Polynomial (p + 1,) that whitens the noise: 1, -a1, ..., -ap."""
+        return np.concatenate([np.ones(1), -self.coefficients])
+
+    @property
     def sigma(self) -> float:
         """Standard deviation of the white noise behind the model."""
         return float(np.sqrt(self.variances[-1]))
@@ -155,14 +161,44 @@ class NoiseModel:
         """
         from scipy.signal import lfilter
 
-        inverse = np.concatenate([np.ones(1), -self.coefficients])
-        white: Array = lfilter(inverse, np.ones(1), columns, axis=0)
-        ends = np.append(self.starts[1:], len(columns))
-        for start, end in zip(self.starts, ends, strict=True):
-            rows = slice(start, min(start + self.order, end))
-            m = rows.stop - start
+        white: Array = lfilter(self.inverse, np.ones(1), columns, axis=0)
+        for rows in self._openings(len(columns)):
+            m = rows.stop - rows.start
             white[rows] = self._opening[:m, :m] @ columns[rows]
         return white
+
+    def reach(self, influence: Array) -> Array:
+        """Return the weights (N, p) of the white noise in a sum that has these of the noise.
+
+        With L the matrix of the filter (see `__call__`), influence' e = (L'^-1 influence)' L e: a
+        banded system, exact where segments start.
+
+        Examples
+        --------
+        >>> model = NoiseModel.from_autocovariance(np.array([1.0, 0.5]))
+        >>> e, sums = np.array([1.0, 2.0, -1.0]), np.array([[1.0], [0.0], [2.0]])
+        >>> bool(np.allclose(model.reach(sums).T @ model(e), sums.T @ e))
+        True
+        """
+        from scipy.linalg import solve_banded
+
+        n, p = len(influence), self.order
+        band = np.empty((p + 1, n))  # band[p - j, k] is what row k of L has j columns before k
+        band[:] = self.inverse[::-1, np.newaxis]
+        for rows in self._openings(n):
+            for i in range(rows.stop - rows.start):
+                band[:, rows.start + i] = 0.0
+                band[p - i :, rows.start + i] = self._opening[i, : i + 1]
+        solved: Array = solve_banded((0, p), band, influence)
+        return solved
+
+    def _openings(self, n: int) -> list[slice]:
+        """Return the rows, of n, at each start of a segment, where the filter has no past."""
+        ends = np.append(self.starts[1:], n)
+        return [
+            slice(int(start), int(min(start + self.order, end)))
+            for start, end in zip(self.starts, ends, strict=True)
+        ]
 
     def spectrum(self, frequencies: Array) -> Array:
         """Return the power per row at frequencies (k,) in cycles per row."""
@@ -189,66 +225,6 @@ class NoiseModel:
             self.starts,
             f"AR({order})",
         )
-
-
-def autocovariance(e: Array, lags: int, starts: NDArray[np.intp]) -> Array:
-    """Return the autocovariances (lags + 1,) of e (N,), of pairs within a segment only.
-
-    Examples
-    --------
-    >>> autocovariance(np.array([1.0, -1.0, 1.0, 1.0]), 1, np.array([0, 2])).tolist()
-    [1.0, 0.0]
-    """
-    total = np.zeros(lags + 1)
-    for part in np.split(e, starts[1:]):
-        top = min(lags, len(part) - 1)
-        size = 1 << (2 * len(part) - 1).bit_length()
-        power = np.abs(np.fft.rfft(part, size)) ** 2
-        total[: top + 1] += np.fft.irfft(power)[: top + 1]
-    return total / len(e)
-
-
-def taken(model: NoiseModel, fitted: Array, lags: int) -> Array:
-    """Return the autocovariances (lags + 1,) that a fit takes from noise of a model, in the mean.
-
-    A fit by the columns `fitted` leaves (I - P) e of the noise e, where P = Q Q' projects on the
-    columns. Of the covariance S of the noise that leaves S - P S - S P + P S P. What it takes is
-    little of the whole. But the columns move at few frequencies, where it is a tenth of the noise
-    or more, and a model of the residual makes intervals too narrow by half of that.
-
-    References
-    ----------
-    D. A. Harville, "Maximum likelihood approaches to variance component estimation and to related
-    problems", J. American Statistical Association 72, 1977.
-
-    Examples
-    --------
-    >>> white = NoiseModel.from_autocovariance(np.array([1.0, 0.0]))
-    >>> taken(white, np.ones((50, 1)), 1).round(4)  # 1/50, and 49/50 of that
-    array([0.02  , 0.0196])
-    """
-    n = len(fitted)
-    size = 1 << (2 * n - 1).bit_length()
-    inverse = np.fft.rfft(np.concatenate([np.ones(1), -model.coefficients]), size)
-    power = model.sigma**2 / np.abs(inverse[:, np.newaxis]) ** 2
-    Q = np.linalg.qr(fitted)[0]  # (N, k)
-    SQ = np.fft.irfft(power * np.fft.rfft(Q, size, axis=0), size, axis=0)[:n]
-    R = 2.0 * SQ - Q @ (Q.T @ SQ)  # Q R' + R Q' is twice what is taken
-    cross = np.fft.rfft(Q, size, axis=0) * np.conj(np.fft.rfft(R, size, axis=0))
-    return np.fft.irfft(cross.real.sum(axis=1), size)[: lags + 1] / n
-
-
-def segment_starts(t: Array, joints: NDArray[np.int_]) -> NDArray[np.intp]:
-    """Return the first rows (m,) of segments of equal spacing and one joint.
-
-    Examples
-    --------
-    >>> segment_starts(np.array([0.0, 0.1, 0.2, 0.9, 1.0]), np.zeros(5, dtype=int)).tolist()
-    [0, 3]
-    """
-    steps = np.diff(t)
-    gap = (steps > 1.5 * np.median(steps)) | (steps < 0.0) | (np.diff(joints) != 0)
-    return np.concatenate([[0], np.flatnonzero(gap) + 1]).astype(np.intp)
 
 
 def _fit_arma(e: Array, starts: NDArray[np.intp], penalty: float) -> NoiseModel:

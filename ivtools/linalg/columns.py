@@ -1,0 +1,72 @@
+"""Columns: which of them are independent, what each adds, and what a space holds of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from ivtools.linalg.solve import RANK_TOLERANCE, norms_of
+
+Array = NDArray[np.float64]
+
+
+def base_columns(X: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:
+    """Return the columns that span the others, by QR with pivoting of the scaled matrix.
+
+    Parameters
+    ----------
+    X : (N, p) array_like
+        Observation matrix.
+    tolerance : float
+        Smallest share of a column of unit norm that counts as independent.
+
+    Returns
+    -------
+    (rank,) ndarray of int
+        Indices in increasing order.
+
+    References
+    ----------
+    M. Gautier, "Numerical calculation of the base inertial parameters of robots",
+    Journal of Robotic Systems 8, 1991.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> base_columns(np.array([[1.0, 2.0, 0.0], [0.0, 0.0, 3.0], [1.0, 2.0, 1.0]])).tolist()
+    [1, 2]
+    """
+    X = np.asarray(X, dtype=float)
+    norms = np.linalg.norm(X, axis=0)
+    scaled = X / np.where(norms > 0.0, norms, 1.0)
+    R, order = qr(scaled, mode="r", pivoting=True)
+    rank = int(np.count_nonzero(np.abs(np.diag(R)) > tolerance))
+    return np.sort(order[:rank]).astype(np.intp)
+
+
+def abs_diag_r(X: Array) -> Array:
+    """Return |diag R| of the QR decomposition of X (N, p): what each column adds to those before.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> abs_diag_r(np.array([[3.0, 1.0], [4.0, 1.0], [0.0, 2.0]])).round(4)
+    array([5.  , 2.01])
+    """
+    return np.abs(np.diag(np.linalg.qr(np.asarray(X, dtype=float), mode="r")))
+
+
+def projection(Z: Array, columns: Array) -> Array:
+    """Project columns (N, k) on the space of Z (N, m), Z (Z'Z)^-1 Z' columns, by QR.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> projection(np.ones((3, 1)), np.array([[0.0], [1.0], [2.0]])).ravel()
+    array([1., 1., 1.])
+    """
+    if Z.shape[1] == 0:
+        return np.zeros_like(columns)
+    Q = np.linalg.qr(Z / norms_of(Z))[0]
+    return Q @ (Q.T @ columns)
