@@ -39,7 +39,7 @@ def records():
             loop = loop.with_effect(name, **values)
         noise = np.random.default_rng(k).normal(0.0, 2.0, SAMPLES)
         sim = loop.simulate(given, THETA, initial="rest", force_noise=noise)
-        made.append(given.replace(q=sim.q, nu=sim.nu, name=f"axis {k}"))
+        made.append(given.replace(q=sim.q, nu=sim.nu, name=f"axis-{k}"))
     return made
 
 
