@@ -23,6 +23,7 @@ from .rules import (
     MUTATION,
     RECOMBINATION,
     VALLEY_DEPTH,
+    VALLEY_SAMPLES,
     VALLEY_STEPS,
     VALLEY_TIME,
     Rules,
@@ -302,7 +303,7 @@ def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point], float]:
 
 def _worst(fold: Fold, e: Array) -> slice:
     """Return the stretch of the record with the largest energy of the error."""
-    n = min(round(VALLEY_TIME / fold.record.dt), fold.record.n_samples)
+    n = min(round(VALLEY_TIME / fold.record.dt), VALLEY_SAMPLES, fold.record.n_samples)
     energy = np.zeros(fold.record.n_samples + 1)
     energy[1:][fold.keep] = e**2
     energy = np.cumsum(energy)

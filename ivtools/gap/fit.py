@@ -170,8 +170,11 @@ def normal(A: Array, b: Array, rcond: float) -> Array:
 
     Directions whose singular value is below `rcond` times the largest stay at zero. With columns
     scaled to unit length and an `rcond` of 1e-6 or more, squaring the condition number costs
-    nothing that would matter, and saves nine tenths of the time.
+    nothing that would matter, and saves nine tenths of the time. Columns that are not finite, of
+    a loop that diverged, give zeros.
     """
+    if not (np.isfinite(A).all() and np.isfinite(b).all()):
+        return np.zeros(A.shape[1])
     return np.asarray(np.linalg.lstsq(A.T @ A, A.T @ b, rcond=rcond**2)[0], dtype=float)
 
 

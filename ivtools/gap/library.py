@@ -41,6 +41,7 @@ class Scales:
         friction = abs(self.loop.start.get("coulomb", 0.2 * force)) or 0.2 * force
         return {
             "force": force,
+            "peak": float(np.max(np.abs(tau))),
             "speed": float(np.max(np.abs(dq))),
             "stroke": stroke,
             "time": float(np.ptp(self.record.t)),

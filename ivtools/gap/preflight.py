@@ -29,6 +29,7 @@ from .rules import (
     INERTIA_RANGE,
     LEAST_TIME,
     LIMIT_SAMPLES,
+    MOVING,
     ONE_WAY,
     OPEN_LOOP,
     OPPOSITE,
@@ -275,11 +276,21 @@ def same_axis(bases: Sequence[Fit]) -> list[Finding]:
     ]
 
 
-def _shared(record: Record, holdout: Record, windows: int = 40, width: int = 50) -> float:
-    """Return the share of a record's stretches that another one holds, sample for sample."""
+def _shared(record: Record, holdout: Record) -> float:
+    """Return the share of the moving stretches of either record that the other one holds."""
     one, two = (_columns(r) for r in (record, holdout))
+    return max(_held(one, two), _held(two, one))
+
+
+def _held(one: Array, two: Array, windows: int = 40, width: int = 50) -> float:
+    """Return the share of the stretches of `two` that `one` holds, sample for sample.
+
+    Only stretches in which position and command move: standing still is the same in any record.
+    """
     starts = np.linspace(0, len(two) - width, windows).astype(int)
-    return float(np.mean([_holds(one, two[s : s + width]) for s in starts]))
+    parts = [two[s : s + width] for s in starts]
+    moving = [p for p in parts if min(len(np.unique(c)) for c in p.T) >= MOVING * width]
+    return float(np.mean([_holds(one, p) for p in moving])) if moving else 0.0
 
 
 def _columns(record: Record) -> Array:

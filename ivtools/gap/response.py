@@ -114,14 +114,13 @@ def waves(
         Spatial periods, m or rad, by the name of the effect that has them.
     """
     q, dq, tau = simulation.q[:, 0], simulation.dq[:, 0], simulation.tau[:, 0]
-    return _scaled(
-        [
-            weight(term, dq, tau) * wave(2.0 * np.pi * q / p)
-            for term in terms
-            for p in periods.get(term.name, ())
-            for wave in (np.cos, np.sin)
-        ]
-    )
+    columns = [
+        weight(term, dq, tau) * wave(2.0 * np.pi * q / p)
+        for term in terms
+        for p in periods.get(term.name, ())
+        for wave in (np.cos, np.sin)
+    ]
+    return _scaled(columns) if columns else np.zeros((len(q), 0))
 
 
 def weight(term: Term, dq: Array, tau: Array) -> Array:

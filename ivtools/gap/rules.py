@@ -79,6 +79,8 @@ OPPOSITE = -0.5
 SAME_RECORD = 0.95
 #: The same, from which a hold-out has too much of the record (training).
 OVERLAP = 0.1
+#: Share of different values in a stretch in which a signal moves (theory: else any two agree).
+MOVING = 0.5
 #: Ratio of the inertias of two records of one axis at most (physics: payloads).
 SAME_AXIS = 1.3
 #: Growth of the error with the other record's inertia that makes it another axis (training).
@@ -98,6 +100,8 @@ STANDING = 1e-4
 NEAR_LIMIT = 0.05
 #: Whitened error of a simulation that diverged (numerics: larger than any real one).
 DIVERGED = 1e6
+#: Error over the largest recorded force from which a simulation has diverged (numerics).
+FAR_OFF = 1e6
 #: Share of a stroke or time as far as a law may be carried beyond it (training).
 BEYOND = 0.05
 #: Share of a record that must lie where the other one has been, or all of it counts (training).
@@ -158,6 +162,8 @@ VALLEY_STEPS = 24
 VALLEY_DEPTH = 0.9
 #: Seconds of each fold that the search for a valley looks at (training: cost against success).
 VALLEY_TIME = 4.0
+#: Samples that this takes at most: at high rates the stretch is shorter (numerics).
+VALLEY_SAMPLES = 4000
 #: Points per dimension, and generations, of differential evolution (training).
 CROWD, GENERATIONS = 6, 30
 #: Mutation and recombination of differential evolution (Storn, Price, 1997).

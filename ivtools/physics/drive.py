@@ -51,6 +51,15 @@ DEAD_ZONE = Term(
     law=lambda q, dq, ddq, sign, tau, t, d: np.minimum(np.maximum(tau, -d), d),
 )
 
+INNER_SATURATION = Term(
+    "inner-saturation",
+    "drive",
+    (Parameter("force", "{F}", lower=0.0, neutral=1e300, scale="peak", scan=(0.9, 0.75, 0.55)),),
+    "clip(tau, -L, L), behind the recorded command",
+    "current limit of the drive",
+    law=lambda q, dq, ddq, sign, tau, t, limit: tau - np.minimum(np.maximum(tau, -limit), limit),
+)
+
 DRIVE_TIMING = Term(
     "drive-timing",
     "drive",
@@ -81,4 +90,4 @@ SATURATION = Term(
     search="elsewhere",
 )
 
-TERMS = (TORQUE_RIPPLE, DRIVE_ASYMMETRY, DEAD_ZONE, DRIVE_TIMING, SATURATION)
+TERMS = (TORQUE_RIPPLE, DRIVE_ASYMMETRY, DEAD_ZONE, INNER_SATURATION, DRIVE_TIMING, SATURATION)

@@ -111,6 +111,21 @@ SQRT_VISCOUS = Term(
     everywhere=True,
 )
 
+REGULARISED_COULOMB = Term(
+    "regularised-coulomb",
+    "mechanics",
+    (
+        Parameter("force", "{F}", lower=0.0),
+        Parameter(
+            "speed", "{L}/s", lower=1e-9, neutral=0.01, scale="speed", scan=(0.02, 0.06, 0.2, 0.5)
+        ),
+    ),
+    "clip(F dq/v, -F, F) instead of a part of Fc sign(dq): it creeps where dry friction sticks",
+    "E. Todorov, IEEE Int. Conf. Robotics and Automation, 2014: friction of a common simulator",
+    law=lambda q, dq, ddq, sign, tau, t, f, v: f * np.minimum(np.maximum(dq / v, -1.0), 1.0),
+    everywhere=True,
+)
+
 POSITION_FRICTION = Term(
     "position-friction",
     "mechanics",
@@ -186,6 +201,7 @@ TERMS = (
     PRESLIDING,
     POLYNOMIAL_VISCOUS,
     SQRT_VISCOUS,
+    REGULARISED_COULOMB,
     POSITION_FRICTION,
     LOAD_FRICTION,
     FRICTION_DRIFT,

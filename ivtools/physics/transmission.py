@@ -160,7 +160,7 @@ BACKLASH = Term(
             scan=(0.0, 1.0),
             nuisance=True,
         ),
-        Parameter("contact_hz", "Hz", lower=10.0, neutral=150.0, scale="one", scan=(100.0, 250.0)),
+        Parameter("contact_hz", "Hz", lower=10.0, neutral=150.0, scale="one", scan=(100.0, 500.0)),
         Parameter(
             "damping",
             "1",
@@ -168,7 +168,7 @@ BACKLASH = Term(
             upper=2.0,
             neutral=0.2,
             scale="one",
-            scan=(0.2,),
+            scan=(0.2, 0.7),
             nuisance=True,
         ),
     ),
