@@ -13,7 +13,7 @@ from .scores import score
 from .suites import SUITES
 
 _LABEL = ("reference", "inertia", "background")
-_SHRINK = ("unit", "before", "after", "floor", "closed", "frozen")
+_SHRINK = ("unit", "before", "after", "floor", "closed", "after_frozen")
 
 
 def load(folder: Path) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
@@ -32,7 +32,7 @@ def load(folder: Path) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
 def cell(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return the figures of one case."""
     label, found = row.get("label", {}), row.get("found", {})
-    truth, gap = row.get("truth") or {}, found.get("gap", {})
+    truth, gap = row.get("truth") or {}, found.get("whitened", {})
     shrink = found.get("shrink") or {}
     low, high = shrink.get("interval", (None, None))
     return {

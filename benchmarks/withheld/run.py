@@ -64,7 +64,7 @@ def line(row: dict[str, Any]) -> str:
     """Return a row as one line for people."""
     if "found" not in row:
         return f"{row['score']:10s} {row['key']}: {row['error'].strip().splitlines()[-1]}"
-    found, gap = row["found"], row["found"]["gap"]
+    found, gap = row["found"], row["found"]["whitened"]
     others = {k: v for k, v in found["ambiguous_with"].items() if v} or ""
     return (
         f"{row['score']:10s} {row['key']:52s} -> {'+'.join(found['effects']) or '-'} {others} "

@@ -43,6 +43,14 @@ def diagnose(
         str | None,
         typer.Option("--simulated-holdout", metavar="SIM2", help="The same on the holdout's."),
     ] = None,
+    judge: Annotated[
+        str | None,
+        typer.Option("--judge", metavar="RECORD", help="A third record, which chooses nothing."),
+    ] = None,
+    tolerance: Annotated[
+        float,
+        typer.Option("--tolerance", help="Per cent of the force below which a gap is negligible."),
+    ] = 2.0,
     jobs: Annotated[
         int, typer.Option("--jobs", help="Workers for a fleet; -1 is one per core.")
     ] = -1,
@@ -66,7 +74,7 @@ def diagnose(
     """
     names, several = _expanded(records)
     if not several:
-        return _one(names[0], axis, holdout, (simulated, simulated_holdout), data, json, out)
+        return _one(names[0], axis, holdout, (simulated, simulated_holdout), data, json, out, judge, tolerance)
     if simulated or simulated_holdout:
         raise DataError("--simulated belongs to one record; diagnose the records one at a time")
     from ivtools.gap import diagnose_fleet
@@ -95,6 +103,8 @@ def _one(
     data: Path | None,
     json: Path | None,
     out: Path | None,
+    judge: str | None,
+    tolerance: float,
 ) -> None:
     """Diagnose a single record."""
     from ivtools.cli.case import load
@@ -107,6 +117,7 @@ def _one(
     other, sim, sim_other = (
         None if file is None else _log(file, data, loop) for file in (holdout, *simulated)
     )
+    third = None if judge is None else _log(judge, data, loop)
     with progress("diagnosing", 4) as advance:
         gap = find_gap(
             measured,
@@ -114,6 +125,8 @@ def _one(
             holdout=other,
             simulated=sim,
             simulated_holdout=sim_other,
+            judge=third,
+            tolerance=tolerance,
             progress=advance,
         )
     texts: list[object] = [gap.summary()]

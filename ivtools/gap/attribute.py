@@ -143,12 +143,15 @@ class Round:
         R2 gain of each effect in the screening, mean of the folds, largest first.
     trials : tuple of Trial
         Everything that was fitted.
+    scores : tuple of ndarray, (n_effects, n_blocks)
+        Per fold, what each block says against each effect that was screened.
     qualified : tuple of Trial
         What reaches its threshold; the largest gain gets the name.
     """
 
     gains: dict[str, float]
     trials: tuple[Trial, ...]
+    scores: tuple[Array, ...] = ()
     qualified: tuple[Trial, ...] = ()
 
     @property
@@ -223,7 +226,8 @@ def play(
     qualified = (
         t for t in trials if t.passes(rules) and (t.name not in similar or t.removed > least)
     )
-    return Round(_gains(found), trials, tuple(qualified))
+    scores = tuple(np.array([s.scores for s in f.values()]) for f in found)
+    return Round(_gains(found), trials, scores, tuple(qualified))
 
 
 def cost(fits: tuple[Fit, ...]) -> float:
@@ -363,8 +367,8 @@ class Attribution:
 
     @cached_property
     def pvalues(self) -> dict[str, float]:
-        """Of no gain on held-out data, corrected for everything tried in the first round."""
-        return _pvalues(self.trials)
+        """Of no gain on held-out data, corrected for everything screened in the first round."""
+        return _pvalues(self.rounds[0]) if self.rounds else {}
 
 
 def attribute(
@@ -429,18 +433,19 @@ def _without(side: Side, fit: Fit, name: str) -> Fit:
     return gauss_newton(side.fold, loop, values, free, steps(side.fold, loop, side.scales))
 
 
-def _pvalues(trials: tuple[Trial, ...], draws: int = DRAWS) -> dict[str, float]:
-    """Return p values by the bootstrap of the largest t over all that was tried."""
-    if not trials:
+def _pvalues(first: Round, draws: int = DRAWS) -> dict[str, float]:
+    """Return p values by the bootstrap of the largest t over all that was screened."""
+    if not first.trials:
         return {}
     rng = np.random.default_rng(np.random.SeedSequence(list(b"max-t")))
     worst = np.zeros(draws)
-    for side in (0, 1):
-        scores = np.array([_scores(t.before[side], t.held[side]) for t in trials])
+    for side, screened in enumerate(first.scores):
+        fitted = [_scores(t.before[side], t.held[side]) for t in first.trials]
+        scores = np.vstack([*screened, *fitted])
         signs = rng.choice([-1.0, 1.0], size=(draws, scores.shape[1]))
         size = np.maximum(np.linalg.norm(scores, axis=1), 1e-300)
         worst = np.maximum(worst, np.max(np.abs(signs @ scores.T) / size, axis=1))
-    return {t.name: float(np.mean(worst >= max(np.min(t.t), 0.0))) for t in trials}
+    return {t.name: float(np.mean(worst >= max(np.min(t.t), 0.0))) for t in first.trials}
 
 
 def _scores(before: Fit, held: Fit) -> Array:

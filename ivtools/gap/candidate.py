@@ -15,11 +15,10 @@ from ..loop import ClosedLoop
 from ..physics import Term
 from .fit import Fit, gauss_newton, steps
 from .fold import Fold, Side
-from .library import Box, alternatives
+from .library import Box, Scales, alternatives
 from .rules import (
     CROWD,
     GENERATIONS,
-    LONGEST_LINE,
     MUTATION,
     RECOMBINATION,
     VALLEY_DEPTH,
@@ -106,12 +105,7 @@ class Trial:
         be nothing, or creep instead of ring, or a line that does not come twice, mimics something
         else.
         """
-        periods = (
-            f.values[f"{self.name}.period"] / float(np.ptp(f.fold.record.q))
-            for f in self.fits
-            if self.term.search == "lines"
-        )
-        if max(periods, default=0.0) > LONGEST_LINE:
+        if any(self._beyond(fit) for fit in self.fits):
             return False
         at_bound = (
             fit.values[name] == bound
@@ -122,11 +116,24 @@ class Trial:
         )
         return not any(at_bound)
 
+    def _beyond(self, fit: Fit) -> bool:
+        """Whether a parameter is larger than the effect's name allows on this axis."""
+        sizes = Scales(fit.fold.record, fit.loop).sizes
+        pairs = zip(self.term.names, self.term.parameters, strict=True)
+        return any(fit.values[n] > p.most * sizes[p.scale] for n, p in pairs if np.isfinite(p.most))
+
+    @cached_property
+    def lowers(self) -> bool:
+        """Whether the plain force error on held-out data, of both folds, is smaller with it."""
+        before, after = (sum(f.force_rms**2 for f in fits) for fits in (self.before, self.held))
+        return after < before
+
     def passes(self, rules: Rules) -> bool:
-        """Whether the effect replicates."""
+        """Whether the effect replicates, and the force error is smaller for it."""
         least = rules.threshold(self.term)
         enough = bool(np.min(self.shares) >= least.share)
-        return enough and self.inside and (self._reaches(least) or self._reaches(rules.steady))
+        reached = self._reaches(least) or self._reaches(rules.steady)
+        return enough and reached and self.inside and self.lowers
 
     def _reaches(self, least: Threshold) -> bool:
         gain, t = np.min(self.gains), np.min(self.t)

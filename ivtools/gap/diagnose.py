@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +17,16 @@ from ..errors import EstimationError, IVToolsError
 from ..loop import ClosedLoop
 from ..physics import Term
 from ..record import Record
-from . import advice, floor, locate, parity, preflight, quantify, response, verdict
+from . import advice, discrepancy, floor, locate, parity, preflight, quantify, response, verdict
 from .against import against
-from .attribute import Attribution, attribute, probability
+from .attribute import Attribution, attribute, cost, probability
 from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
 from .floor import Measured
 from .fold import Fold, Side, usable
 from .library import Scales
 from .parity import Parity
-from .rules import AT_CONTROLLER, BEYOND, COMMON, SATURATED, STRETCHES, Rules
+from .rules import ADEQUATE, AT_CONTROLLER, BEYOND, COMMON, SATURATED, STRETCHES, TOLERANCE, Rules
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,8 @@ def diagnose(
     *,
     simulated: Record | None = None,
     simulated_holdout: Record | None = None,
+    judge: Record | None = None,
+    tolerance: float = TOLERANCE,
     rules: Rules | None = None,
     extra: Sequence[Term] = (),
     without: Sequence[str] = (),
@@ -55,10 +58,15 @@ def diagnose(
         The model that is meant to be its twin.
     holdout : Record, optional
         Another record of the same axis, which judges. Without it, stretches of the record judge
-        each other, which is weaker: an effect that drifts from record to record cannot show.
+        each other, which is weaker: an effect that drifts from record to record cannot show. It
+        takes part in the choice of effects, so its figures are a little too good.
     simulated, simulated_holdout : Record, optional
         What a simulator of your own did on the reference of the record, and of the holdout. Then
         the question is what *it* lacks, and `Diagnosis.changes` says what to change in it.
+    judge : Record, optional
+        A third record of the same axis that takes part in nothing: its figures are clean.
+    tolerance : float
+        Per cent of the force below which a gap is negligible.
     rules : Rules, optional
         What a name takes.
     extra : sequence of Term
@@ -86,14 +94,25 @@ def diagnose(
     """
 
     def found(one: Record, other: Record | None) -> Diagnosis:
-        return _diagnose(
-            one, loop, other, rules or Rules(), tuple(extra), tuple(without), progress or _mute
-        )
+        task = _Task(one, loop, other, judge, tolerance, tuple(extra), tuple(without))
+        return _diagnose(task, rules or Rules(), progress or _mute)
 
     with _one_blas_thread():
         if simulated is None:
             return found(record, holdout)
         return against(record, loop, holdout, simulated, simulated_holdout, found)
+
+
+class _Task(NamedTuple):
+    """What a diagnosis is asked."""
+
+    record: Record
+    loop: ClosedLoop
+    holdout: Record | None
+    judge: Record | None
+    tolerance: float
+    extra: tuple[Term, ...]
+    without: tuple[str, ...]
 
 
 _CALM, _RUNNING = Lock(), ExitStack()
@@ -124,97 +143,123 @@ def _mute(text: str) -> None:
     """Show no progress."""
 
 
-def _diagnose(
-    record: Record,
-    loop: ClosedLoop,
-    holdout: Record | None,
-    rules: Rules,
-    extra: tuple[Term, ...],
-    without: tuple[str, ...],
-    say: Progress,
-) -> Diagnosis:
+def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
+    record, holdout = task.record, task.holdout
     records = (record,) if holdout is None else (record, holdout)
-    for one in records:
+    for one in (*records, *([] if task.judge is None else [task.judge])):
         preflight.require(one)
     say("controller parity")
-    found = preflight.identified(record, loop)
-    loop = loop.known(record)
+    law = preflight.identified(record, task.loop)
+    loop = task.loop.known(record)
     checked = tuple(parity.check(one, loop) for one in records)
+    found: list[preflight.Finding] = []
     for one, shown in zip(records, checked, strict=True):
         seen = preflight.inspect(one, loop, shown)
         found += seen if holdout is None else preflight.named(seen, one)
     found += [] if holdout is None else preflight.overlap(record, holdout)
     if any(f.fatal for f in found):
-        return _refused(record, loop, checked, found)
+        return _refused(record, loop, checked, [*found, *law])
     say("base model and floor")
     try:
-        with ThreadPoolExecutor(2) as pool:
-            measured = tuple(pool.map(_measure, records, checked))
+        measured = _confirmed(loop, _measured(records, checked))
+        third = None if task.judge is None else _measure(task.judge, parity.check(task.judge, loop))
     except IVToolsError as error:
-        return _refused(record, loop, checked, [*found, preflight.Finding(str(error))])
+        return _refused(record, loop, checked, [*found, preflight.Finding(str(error)), *law])
     if holdout is not None:
         found += preflight.same_axis([m.base for m in measured])
         level = floor.between(*(m.base for m in measured))
         measured = tuple(replace(m, floor=replace(m.floor, between=level)) for m in measured)
     if any(f.fatal for f in found):
-        return _refused(record, loop, checked, found)
+        return _refused(record, loop, checked, [*found, *law])
     if any(p.clipped > SATURATED for p in checked):
         rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
     say("screening and fitting the effects")
-    judge, result = _attributed(measured, rules, extra, without)
+    fold, result = _attributed(measured, rules, task.extra, task.without)
     say("where and how far")
-    return _answer(record.name, loop, measured, result, judge, rules, found, holdout is not None)
+    return _answer(task, loop, measured, third, result, fold, rules, [*found, *law])
+
+
+def _measured(records: Sequence[Record], checked: Sequence[Parity]) -> tuple[Measured, ...]:
+    with ThreadPoolExecutor(2) as pool:
+        return tuple(pool.map(_measure, records, checked))
+
+
+def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measured, ...]:
+    """Take back a correction of the controller that does not lower the force error."""
+    kept = []
+    for m in measured:
+        p = m.parity
+        if p.mismatch and quantify.declared(loop, (m,)).force_rms <= m.base.force_rms:
+            plain = replace(p.loop, controller=replace(loop.controller, delay=p.delay))
+            p = replace(p, loop=plain, mismatch={}, tvalues={}, after=p.before)
+            m = _measure(_as_recorded(m), p)
+        kept.append(m)
+    return tuple(kept)
+
+
+def _as_recorded(m: Measured) -> Record:
+    """Return the record with its added input as it was logged."""
+    record, extra = m.fold.record, m.parity.mismatch.get("added", 0.0)
+    return record if record.added is None else replace(record, added=record.added / (1.0 + extra))
 
 
 def _answer(
-    name: str,
+    task: _Task,
     loop: ClosedLoop,
     measured: tuple[Measured, ...],
+    third: Measured | None,
     result: Attribution,
-    judge: Fold,
+    fold: Fold,
     rules: Rules,
     found: list[preflight.Finding],
-    held_out: bool,
 ) -> Diagnosis:
     """Put the diagnosis together."""
-    checked = tuple(m.parity for m in measured)
+    checked, held_out = tuple(m.parity for m in measured), task.holdout is not None
     plain = quantify.declared(loop, measured)
-    before = [m.cost for m in result.base]
-    after = [h.cost for h in result.held]
     at_controller, values = parity.effects(checked)
+    shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
     effects = (*at_controller, *result.named)
-    shrink, traces = quantify.how_far(plain, measured, result, judge, held_out)
-    energy = max(float(np.mean(before)) - 1.0, 1e-9)
-    closed = (float(np.mean(before)) - float(np.mean(after))) / energy
-    word = verdict.decide(effects, measured, result, closed)
+    if effects and shrink.after >= shrink.before:
+        found = [*found, verdict.no_better(effects, shrink)]
+        effects, result = (), replace(result, fits=result.base, held=result.base, named=())
+        shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
+    if third is not None:
+        shrink = replace(shrink, judged=quantify.judge(loop, third, result))
+    before, after = cost(result.base), cost(result.held)
+    changed = verdict.changes(result, task.tolerance)
+    word = verdict.decide(effects, measured, result, shrink, changed, task.tolerance)
+    left = None if after <= ADEQUATE else discrepancy.describe(result.held)
     return Diagnosis(
         verdict=word,
         effects=effects,
         ambiguous_with={e: result.ambiguous.get(e, []) for e in effects},
-        parameters={**values, **result.parameters},
+        parameters={e: v for e, v in {**values, **result.parameters}.items() if e in effects},
         block=locate.block(
             effects,
             any(p.delay != loop.controller.delay for p in checked),
             any(m.floor.isolated for m in measured),
             word != "adequate",
         ),
-        regions=locate.regions(judge.record, judge.keep, traces.before, traces.after),
+        regions=locate.regions(fold.record, fold.keep, traces.before, traces.after),
         shrink=shrink,
-        ranking=verdict.ranking(result, rules, energy),
+        ranking=verdict.ranking(result, rules, max(before - 1.0, 1e-9)),
         advice=(*advice.motions(result), *advice.remarks(loop, measured, result, held_out)),
         findings=tuple(found),
         parity=checked,
         floors=tuple(m.floor for m in measured),
         loop=result.fits[0].loop,
         theta=result.fits[0].values,
-        chi=(float(np.mean(before)), float(np.mean(after))),
-        name=name,
+        chi=(before, after),
+        name=task.record.name,
         replication=result.replication,
         replicas=verdict.replicate(effects, result, checked, rules),
         evidence=result.evidence,
         probability=dict.fromkeys(at_controller, AT_CONTROLLER)
         | {n: probability(proof) for n, proof in result.evidence.items()},
         traces=traces,
+        changed=changed,
+        discrepancy=left,
+        tolerance=task.tolerance,
     )
 
 

@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 
 from ..loop import ClosedLoop
 from ..tables import Text, table
+from ..units import quantity
 from .attribute import Evidence
+from .discrepancy import Discrepancy
 from .floor import Floor
 from .locate import Region
 from .parity import Parity
 from .preflight import Finding
 from .quantify import Shrink, Traces
-from .rules import CORRECTED, NOTHING_ALONE
-from .verdict import VERDICTS, Ranked, Replica
+from .rules import CORRECTED, NOTHING_ALONE, TOLERANCE
+from .verdict import VERDICTS, Ranked, Replica, Setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,6 +78,12 @@ class Diagnosis:
         With a simulator's log: each parameter there, on the axis, and the change to make.
     surplus : tuple of str
         Named effects that the simulator has and the axis has not.
+    changed : mapping
+        Base parameters that differ between the records, by name.
+    discrepancy : Discrepancy or None
+        A force that is left, comes again, and is not among the known effects.
+    tolerance : float
+        Per cent of the force below which a gap is negligible.
     """
 
     verdict: str
@@ -101,6 +109,9 @@ class Diagnosis:
     traces: Traces | None = None
     changes: dict[str, Change] | None = None
     surplus: tuple[str, ...] = ()
+    changed: dict[str, Setting] = field(default_factory=dict)
+    discrepancy: Discrepancy | None = None
+    tolerance: float = TOLERANCE
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of ``ivtools diagnose``."""
@@ -118,7 +129,10 @@ class Diagnosis:
             "ranking": [r.to_dict() for r in self.ranking],
             "advice": list(self.advice),
             "findings": [f.text for f in self.findings],
-            "gap": {"before": _number(self.chi[0]), "after": _number(self.chi[1])},
+            "gap": self._gap(),
+            "whitened": {"before": _number(self.chi[0]), "after": _number(self.chi[1])},
+            "changed": {n: c.to_dict() for n, c in self.changed.items()},
+            "discrepancy": None if self.discrepancy is None else self.discrepancy.to_dict(),
             "replication": {k: list(v) for k, v in self.replication.items()},
             "replicates": {r.effect: r.to_dict() for r in self.replicas},
             "probability": dict(self.probability),
@@ -132,7 +146,7 @@ class Diagnosis:
 
     def summary(self) -> Text:
         """Return the answer as a table."""
-        header = ("effect", "closes alone", "p value", "named")
+        header = ("effect", "closes by itself", "p value", "named")
         rows = [
             (
                 r.effect,
@@ -145,37 +159,97 @@ class Diagnosis:
         name = self.name if len(self.name) <= 60 else f"{self.name[:30]}~{self.name[-29:]}"
         return table(f"Diagnosis of {name}", self._lines(), header, rows, self._notes())
 
+    def _gap(self) -> dict[str, float | str] | None:
+        """Return the gap in units of force and in per cent of it."""
+        s = self.shrink
+        if s is None:
+            return None
+        return {
+            "before": s.before,
+            "after": s.after,
+            "unit": s.unit,
+            "percent_of_force": s.of_force(s.before),
+            "percent_after": s.of_force(s.after),
+        }
+
+    def value(self, effect: str, parameter: str) -> str:
+        """Return a parameter of a named effect with its unit."""
+        value, known = self.parameters[effect][parameter], self.loop.parameters
+        if effect == "controller-mismatch":
+            return f"{100 * value:+.3g} %"
+        name = f"{effect}.{parameter}"
+        unit = known[name].unit_for(self.loop.joint) if name in known else ""
+        return quantity(value, unit.removeprefix("1"))
+
+    @property
+    def size(self) -> str:
+        """How large the gap is, in words."""
+        s = self.shrink
+        if s is None:
+            return ""
+        percent = f"{s.of_force(s.before):.2g} % of the force"
+        text = f"{quantity(s.before, s.unit, 3)} rms, {percent}"
+        small = s.gap < 0.01 * self.tolerance * s.force
+        return f"negligible: {text}, floor included" if small else text
+
     def _lines(self) -> list[str]:
         lines = [f"verdict: {self.verdict} ({VERDICTS[self.verdict]})"]
+        if self.size:
+            lines.append(f"gap: {self.size}")
         for effect in self.effects:
-            values = ", ".join(f"{k} {v:.4g}" for k, v in self.parameters.get(effect, {}).items())
-            twins = self.ambiguous_with.get(effect, [])
-            other = f"; not told from {', '.join(twins)}" if twins else ""
-            chance = f" ({100 * self.probability[effect]:.0f} % sure)"
-            lines += _wrapped(f"{effect}{chance}: {values}{other}", "  ")
-            for replica in (r for r in self.replicas if r.effect == effect):
-                lines += _wrapped(f"  {replica.short}", "    ")
+            lines += self._named(effect)
+        for name, change in self.changed.items():
+            text = f"{name} {change.text} between the records: a changed setting, not an effect"
+            lines += _wrapped(text, "  ")
+        if self.discrepancy is not None:
+            lines += _wrapped(f"left: {self.discrepancy.text}", "  ")
         if self.block:
-            lines.append(f"block: {self.block}")
-        if self.shrink:
-            s = self.shrink
+            lines.append(f"block of the loop: {self.block}")
+        return [*lines, *self._figures()]
+
+    def _named(self, effect: str) -> list[str]:
+        """Return what is said of a named effect."""
+        values = ", ".join(f"{k} {self.value(effect, k)}" for k in self.parameters.get(effect, {}))
+        twins = self.ambiguous_with.get(effect, [])
+        other = f"; the records cannot tell it from {' or '.join(twins)}" if twins else ""
+        chance = f" ({100 * self.probability[effect]:.0f} % likely)"
+        lines = _wrapped(f"{effect}{chance}: {values}{other}", "  ")
+        for replica in (r for r in self.replicas if r.effect == effect):
+            lines += _wrapped(f"  {replica.short}", "    ")
+        return lines
+
+    def _figures(self) -> list[str]:
+        """Return the force errors before and after."""
+        s = self.shrink
+        if s is None:
+            return []
+        lines = _wrapped(
+            f"force error: {s.before:.3g} -> {s.after:.3g} {s.unit} "
+            f"[{s.interval[0]:.3g}, {s.interval[1]:.3g}]; floor, what does not come again: "
+            f"{s.floor:.3g}; closed {100 * s.closed:.0f} % of what is above it",
+            "  ",
+        )
+        if s.corrected < CORRECTED * s.before:
+            lines.append(f"  of which the controller, put right: {s.corrected:.3g} {s.unit}")
+        if s.held_out and self.effects:
+            text = f"  with the other record's base parameters: {s.after_frozen:.3g} {s.unit}"
+            lines.append(text)
+        if s.judged is not None:
+            j = s.judged
             lines += _wrapped(
-                f"force error: {s.before:.3g} -> {s.after:.3g} {s.unit} "
-                f"[{s.interval[0]:.3g}, {s.interval[1]:.3g}], floor {s.floor:.3g}, "
-                f"closed {100 * s.closed:.0f} %",
+                f"on {j.record}, which took part in nothing: {j.before:.3g} -> {j.after:.3g} "
+                f"{s.unit} [{j.interval[0]:.3g}, {j.interval[1]:.3g}], frozen {j.after_frozen:.3g}",
                 "  ",
             )
-            if s.corrected < CORRECTED * s.before:
-                lines.append(f"  of which the controller, put right: {s.corrected:.3g} {s.unit}")
         return lines
 
     def _notes(self) -> list[str]:
-        together = [f"only beside the others does {e} show" for e in self.beside]
+        together = [f"{e} shows only once the other effects are in the model" for e in self.beside]
         return [*(f.text for f in self.findings), *together, *self.advice]
 
     @property
     def beside(self) -> tuple[str, ...]:
-        """Named effects that close next to nothing alone, and show once others are in the model."""
+        """Named effects that close next to nothing by themselves."""
         alone = {r.effect: r.closed for r in self.ranking}
         return tuple(e for e in self.effects if alone.get(e, 1.0) < NOTHING_ALONE)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,26 @@ class Fit:
     def cost(self) -> float:
         """Mean square of the whitened error; 1 is the floor."""
         return float(self.e @ self.e) / len(self.e)
+
+    @cached_property
+    def force_error(self) -> Array:
+        """Measured less simulated force of the samples that count, N or N m, (n_kept,)."""
+        return self.fold.force_error(self.loop, self.values)[self.fold.keep]
+
+    @property
+    def force_rms(self) -> float:
+        """Force error, N or N m rms; inf if the loop diverges."""
+        return float(np.sqrt(np.mean(self.force_error**2)))
+
+    @cached_property
+    def variances(self) -> dict[str, float]:
+        """Block-robust variance of every free parameter."""
+        scale = np.maximum(np.linalg.norm(self.J, axis=0), 1e-300)
+        J = self.J / scale
+        bread = np.linalg.pinv(J.T @ J, rcond=1e-9)
+        scores = self.fold.block_sums(J * self.e[:, None])
+        found = np.diag(bread @ scores.T @ scores @ bread) / scale**2
+        return dict(zip(self.free, found.tolist(), strict=True))
 
 
 def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..tables import Text, table
-from .verdict import VERDICTS, quantity
+from ..units import quantity
+from .verdict import VERDICTS
 
 if TYPE_CHECKING:
     from ..report import Page
@@ -35,7 +36,7 @@ def page(diagnosis: Diagnosis) -> Page:
         return out
     tables = {"where": [], "which": [_ranking(diagnosis)], "how-far": [_signals(diagnosis)]}
     titles = ("Where", "Which effect", "How far")
-    beside = [f"{e} closes nothing alone: it shows beside the others." for e in diagnosis.beside]
+    beside = [f"{e} shows only once the other effects are in the model." for e in diagnosis.beside]
     for title, (name, draw, caption) in zip(titles, figures.SET, strict=True):
         picture = Picture(name, draw(diagnosis), caption)
         told = beside if name == "which" else []
@@ -86,15 +87,15 @@ def _named(diagnosis: Diagnosis) -> Text:
         f"on {one}",
         f"on {two}",
         "replicates",
-        "not told from",
-        "sure",
+        "may also be",
+        "likely",
     ]
     return table("What is named", [], header, rows, left=2)
 
 
 def _ranking(diagnosis: Diagnosis) -> Text:
     rows = [[r.effect, f"{100 * r.closed:.0f} %", r.chance] for r in diagnosis.ranking[:8]]
-    return table("Ranking", [], ["effect", "closes alone", "p value"], rows)
+    return table("Ranking", [], ["effect", "closes by itself", "p value"], rows)
 
 
 def _signals(diagnosis: Diagnosis) -> Text:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,33 @@ from scipy import signal, stats
 from ..loop import ClosedLoop
 from ..record import Record
 from .attribute import Attribution
+from .candidate import phases
 from .fit import Fit, gauss_newton, steps
 from .floor import Floor, Measured
 from .fold import Fold
 from .rules import ADEQUATE_NAMED, LEAST_BLOCKS
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Force errors, N or N m rms, on a record that took part in nothing.
+
+    Parameters
+    ----------
+    record : str
+    before, after, after_frozen : float
+        As in `Shrink`.
+    interval : tuple of float
+        95 % interval of `after`, by blocks.
+    """
+
+    record: str
+    before: float
+    after: float
+    after_frozen: float
+    interval: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -37,10 +58,15 @@ class Shrink:
         What no model could close, rms.
     held_out : bool
         Whether another record judged; else blocks of the same one.
-    frozen : float
-        As `after`, with the base parameters frozen as well.
+    after_frozen : float
+        As `after`, but the base parameters are those of the other record: the model as it would
+        be handed over. `after` tunes them again, which judges the structure alone.
+    force : float
+        Measured force, rms.
     signals : mapping
         (before, after) rms of position, velocity and acceleration.
+    judged : Judged or None
+        The same figures on a third record that took part in nothing.
     """
 
     unit: str
@@ -50,8 +76,10 @@ class Shrink:
     interval: tuple[float, float]
     floor: float
     held_out: bool
-    frozen: float
+    after_frozen: float
+    force: float
     signals: dict[str, tuple[float, float]]
+    judged: Judged | None = None
 
     @property
     def closed(self) -> float:
@@ -62,6 +90,20 @@ class Shrink:
             if reducible > 0
             else 0.0
         )
+
+    @property
+    def remainder(self) -> float:
+        """What `after` leaves beyond the floor, in energy, N or N m rms."""
+        return float(np.sqrt(max(self.after**2 - self.floor**2, 0.0)))
+
+    @property
+    def gap(self) -> float:
+        """What `before` has beyond the floor, in energy, N or N m rms."""
+        return float(np.sqrt(max(self.before**2 - self.floor**2, 0.0)))
+
+    def of_force(self, error: float) -> float:
+        """Return an error in per cent of the measured force."""
+        return 100.0 * error / max(self.force, 1e-300)
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the shrink."""
@@ -75,8 +117,9 @@ class Shrink:
             "floor": self.floor,
             "closed": self.closed,
             "held_out": self.held_out,
-            "frozen": self.frozen,
+            "after_frozen": self.after_frozen,
             "signals": {n: {"before": b, "after": a} for n, (b, a) in self.signals.items()},
+            "judged": None if self.judged is None else asdict(self.judged),
         }
 
 
@@ -114,7 +157,7 @@ def how_far(
     """Return how far the gap closes, and the signals that show it."""
     after = replace(result.held[-1], fold=judge)
     before = replace(declared, fold=replace(declared.fold, keep=judge.keep))
-    still = replace(after, values=result.fits[0].values)
+    still = replace(after, values=_handed_over(result.fits[0], after))
     level = measured[-1].floor
     corrected = replace(result.base[-1], fold=judge)
     shrink = quantify(before, corrected, after, still, _reachable(level, after), held_out)
@@ -127,14 +170,37 @@ def how_far(
     return shrink, Traces(record, judge.keep, force, e0, e1, _spectra(record.dt, e0, e1, level))
 
 
+def _handed_over(fit: Fit, own: Fit) -> dict[str, float]:
+    """Return the values of a fit, with the phases that a record has of its own."""
+    return {**fit.values, **{n: own.values[n] for n in phases(fit.loop)}}
+
+
+def judge(loop: ClosedLoop, third: Measured, result: Attribution) -> Judged:
+    """Return the figures of a record that took part in nothing."""
+    plain = declared(loop, (third,))
+    fit = result.fits[0]
+    free = [n for n in fit.free if "." not in n or n in phases(fit.loop)]
+    model = replace(fit.loop, controller=third.parity.loop.controller)
+    start = {**fit.values, **{n: third.base.values[n] for n in third.base.free}}
+    step = steps(third.fold, model, third.side.scales)
+    after = gauss_newton(third.fold, model, start, free, step)
+    still = replace(after, values=_handed_over(fit, after))
+    e = after.force_error
+    return Judged(
+        third.fold.record.name, plain.force_rms, _rms(e), still.force_rms, _interval(e, third.fold)
+    )
+
+
 def _reachable(level: Floor, after: Fit) -> float:
     """Return the force error that could be reached, N or N m rms.
 
-    Where the whitened error is at its floor nothing is left to close, and what remains is the
-    floor; the noise model alone, which knows little below some hertz, would set it too low.
+    The difference of two records of one motion is the floor, whatever the model leaves. Else, where
+    the whitened error is at its floor, nothing is left to close and what remains is the floor: the
+    noise model alone, which knows little below some hertz, would set it too low.
     """
-    e = after.fold.force_error(after.loop, after.values)[after.fold.keep]
-    left = float(np.sqrt(np.mean(e**2)))
+    if level.between is not None:
+        return level.between
+    left = after.force_rms
     limit = min(level.level, left)
     return limit + (left - limit) * float(np.clip((ADEQUATE_NAMED - after.cost) / 0.1, 0.0, 1.0))
 
@@ -152,10 +218,7 @@ def quantify(
 ) -> Shrink:
     """Measure the gap on the held-out fold, without and with the named effects."""
     fold = after.fold
-    e0, e1, e2, e3 = (
-        f.fold.force_error(f.loop, f.values)[f.fold.keep]
-        for f in (before, after, frozen, corrected)
-    )
+    e0, e1, e2, e3 = (f.force_error for f in (before, after, frozen, corrected))
     return Shrink(
         unit="N" if after.loop.joint == "prismatic" else "N m",
         before=_rms(e0),
@@ -164,7 +227,8 @@ def quantify(
         interval=_interval(e1, fold),
         floor=min(floor, _rms(e1), _rms(e0)),
         held_out=held_out,
-        frozen=_rms(e2),
+        after_frozen=_rms(e2),
+        force=_rms(after.loop.force(fold.record)[fold.keep, 0]),
         signals=_signals(before, after),
     )
 

@@ -168,8 +168,6 @@ VALLEY_SAMPLES = 4000
 CROWD, GENERATIONS = 6, 30
 #: Mutation and recombination of differential evolution (Storn, Price, 1997).
 MUTATION, RECOMBINATION = (0.4, 0.9), 0.9
-#: Share of the stroke that the period of a line may take (theory: it must come twice).
-LONGEST_LINE = 0.5
 
 # --- attribute: what is named -----------------------------------------------------------------
 
@@ -203,10 +201,29 @@ SUREST = 0.99
 #: Of a name decided at the controller, without simulation: 40 of 40 were right (training).
 AT_CONTROLLER = 0.98
 
+# --- discrepancy: what repeats and has no name ------------------------------------------------
+
+#: Knots over position (theory: what is finer is a line over position).
+POSITION_KNOTS = 16
+#: Penalties on roughness that are tried, relative to the size of the columns (training).
+PENALTIES = (1e-4, 1e-2, 1.0, 100.0)
+#: Block t value, on either fold, of the energy that it saves (training).
+DISCREPANCY_T = 3.0
+#: Of the largest contribution: what is below is not said to matter (taste).
+DISCREPANCY_PART = 0.4
+
 # --- verdict, remarks and advice --------------------------------------------------------------
 
-#: Share of the reducible energy beyond which the gap is explained (definition).
-EXPLAINED = 0.8
+#: Share of the reducible force error that is closed where a gap is explained (definition).
+EXPLAINED = 0.9
+#: Per cent of the force below which a gap is negligible, unless a user says otherwise (taste).
+TOLERANCE = 2.0
+#: Force error over the difference of two records of one motion that is a gap (training).
+OVER_FLOOR = 1.25
+#: t value between two records from which a base parameter has changed (training: 0 of 100).
+CHANGED_T = 6.0
+#: Relative change of a base parameter that is worth a word (physics: friction warms up).
+CHANGED_BY = 0.05
 #: Frozen over re-tuned energy that speaks of a changed setting (training).
 CHANGED = 1.5
 #: Whitened energy that is left where a gap is repeatable (training).

@@ -39,12 +39,15 @@ class Score:
     starts : list of mapping
         Starting values of the effect's parameters, by short name: the best ones for each choice
         of its nuisances, the best of all first.
+    scores : ndarray, (n_blocks,)
+        What each block says against the effect: how far chance could make it look better.
     """
 
     term: Term
     gain: float
     statistic: float
     starts: list[dict[str, float]]
+    scores: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +165,9 @@ def _score(d: _Direction, basis: Array, e: Array, fold: Fold) -> Score:
     reverse = not d.names and beta[0] > 0.0
     if reverse or not _within(d.term, start):  # only the reverse of the effect would help
         gain = 0.0
-    return Score(d.term, gain, _statistic(C, e - explained, beta, fold), [start])
+    rest = e - explained
+    scores = fold.block_sums(explained * rest)
+    return Score(d.term, gain, _statistic(C, rest, beta, fold), [start], scores)
 
 
 def _within(term: Term, values: Mapping[str, float]) -> bool:

@@ -11,15 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..loop import ClosedLoop
+from ..units import quantity
 from .attribute import Attribution
 from .candidate import phases
 from .floor import Measured
 from .parity import Parity
-from .rules import ADEQUATE, ADEQUATE_NAMED, CHANGED, EXPLAINED, STEADY, Rules
+from .preflight import Finding
+from .quantify import Shrink
+from .rules import ADEQUATE, CHANGED, CHANGED_BY, CHANGED_T, EXPLAINED, OVER_FLOOR, STEADY, Rules
 
 Pair = tuple[float | None, float | None]
 
-_PREFIXED = ("m", "rad", "s")
 _PERCENT = {"kp", "kv", "velocity_filter", "added"}  # of a controller: relative errors
 
 VERDICTS = {
@@ -31,28 +33,104 @@ VERDICTS = {
 }
 
 
+@dataclass(frozen=True)
+class Setting:
+    """A base parameter that differs between two records.
+
+    Parameters
+    ----------
+    record, holdout : float
+        Its values.
+    t : float
+        Difference over its block-robust standard error.
+    unit : str
+    """
+
+    record: float
+    holdout: float
+    t: float
+    unit: str
+
+    @property
+    def text(self) -> str:
+        """The values, with units."""
+        one, two = (quantity(x, self.unit, 3) for x in (self.record, self.holdout))
+        return f"{one} -> {two}"
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the JSON of the change."""
+        return {"record": self.record, "holdout": self.holdout, "t": self.t}
+
+
+def changes(result: Attribution, tolerance: float) -> dict[str, Setting]:
+    """Return the base parameters that differ between two records, whatever is named.
+
+    Only where the model reproduces both: a force that it lacks bends the parameters along other
+    motions otherwise.
+    """
+    one, two = result.fits
+    if one.fold.record is two.fold.record or max(one.cost, two.cost) > STEADY:
+        return {}
+    found = {}
+    force = float(np.sqrt(np.mean(one.loop.force(one.fold.record)[one.fold.keep] ** 2)))
+    for name in (n for n in one.free if "." not in n and n in two.free):
+        a, b = one.values[name], two.values[name]
+        spread = np.sqrt(one.variances[name] + two.variances[name])
+        t = abs(a - b) / max(float(spread), 1e-300)
+        p = one.loop.parameters[name]
+        size = 0.5 * abs(a + b) if p.lower >= 0.0 else tolerance / 100.0 * force / CHANGED_BY
+        if t > CHANGED_T and abs(a - b) > CHANGED_BY * size:
+            found[name] = Setting(a, b, t, p.unit_for(one.loop.joint))
+    return found
+
+
 def decide(
-    effects: tuple[str, ...], measured: tuple[Measured, ...], result: Attribution, closed: float
+    effects: Sequence[str],
+    measured: Sequence[Measured],
+    result: Attribution,
+    shrink: Shrink,
+    changed: Mapping[str, Setting],
+    tolerance: float,
 ) -> str:
-    """Return the verdict, a key of `VERDICTS`."""
-    events = any(m.floor.isolated for m in measured)
-    after = float(np.mean([h.cost for h in result.held]))
+    """Return the verdict, a key of `VERDICTS`.
+
+    Parameters
+    ----------
+    effects : sequence of str
+        What is named.
+    measured : sequence of Measured
+    result : Attribution
+    shrink : Shrink
+    changed : mapping
+        Base parameters that differ between the records.
+    tolerance : float
+        Per cent of the force below which a gap is negligible.
+    """
+    small = shrink.remainder < 0.01 * tolerance * shrink.force
     if effects:
-        near = after <= ADEQUATE_NAMED or closed >= EXPLAINED
-        return "explained" if near else "partial"
-    if events:
+        return "explained" if small or shrink.closed >= EXPLAINED else "partial"
+    if changed or any(m.floor.isolated for m in measured):
         return "non-repeatable"
-    if after <= ADEQUATE:
+    between = measured[-1].floor.between
+    above = between is not None and shrink.after > OVER_FLOOR * between and not small
+    if float(np.mean([h.cost for h in result.held])) <= ADEQUATE and not above:
         return "adequate"
-    return "non-repeatable" if _changed(result) else "unexplained"
+    return "non-repeatable" if _moved(result) else "unexplained"
 
 
-def _changed(result: Attribution) -> bool:
+def no_better(effects: Sequence[str], shrink: Shrink) -> Finding:
+    """Return what to say of effects that do not lower the force error."""
+    values = f"{shrink.before:.3g} to {shrink.after:.3g} {shrink.unit}"
+    text = f"{', '.join(effects)} in the model takes the held-out force error from {values}"
+    return Finding(f"{text}: nothing is named", fatal=False)
+
+
+def _moved(result: Attribution) -> bool:
     """Whether the base parameters moved between the records and that is the whole gap."""
-    if result.fits[0].fold.record is result.fits[1].fold.record:
+    one, two = result.fits
+    if one.fold.record is two.fold.record:
         return False
     tuned = float(np.mean([f.cost for f in result.fits]))
-    one, two = result.fits
     swapped = [two.fold.error(two.loop, one.values), one.fold.error(one.loop, two.values)]
     still = float(np.mean([np.mean(e**2) for e in swapped]))
     return tuned < STEADY and still > CHANGED * tuned
@@ -170,21 +248,6 @@ class Replica:
         sides = [{"side": s, **{n: v[i] for n, v in self.values.items()}}
                  for i, s in enumerate(self.sides)]  # fmt: skip
         return {"replicates": self.replicates, "sides": sides, "text": self.text}
-
-
-def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """Return a value with its unit, small lengths, times and speeds with a prefix.
-
-    Examples
-    --------
-    >>> quantity(0.0131512, "m/s"), quantity(-37.18, "N s/m"), quantity(3e-6, "m")
-    ('13.15 mm/s', '-37.18 N s/m', '3 µm')
-    """
-    factor, prefix = 1.0, ""
-    if unit.split("/")[0] in _PREFIXED and value:
-        steps = ((1.0, ""), (1e3, "m"), (1e6, "µ"))
-        factor, prefix = next((s for s in steps if abs(value) * s[0] >= 0.1), steps[-1])
-    return f"{value * factor:.{digits}g} {prefix}{unit}".rstrip()
 
 
 def replicas(

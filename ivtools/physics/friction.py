@@ -117,7 +117,13 @@ REGULARISED_COULOMB = Term(
     (
         Parameter("force", "{F}", lower=0.0),
         Parameter(
-            "speed", "{L}/s", lower=1e-9, neutral=0.01, scale="speed", scan=(0.02, 0.06, 0.2, 0.5)
+            "speed",
+            "{L}/s",
+            lower=1e-9,
+            neutral=0.01,
+            scale="speed",
+            scan=(0.01, 0.03, 0.08),
+            most=0.15,  # beyond, it is a curve of the viscous friction
         ),
     ),
     "clip(F dq/v, -F, F) instead of a part of Fc sign(dq): it creeps where dry friction sticks",

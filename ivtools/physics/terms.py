@@ -56,6 +56,8 @@ class Parameter:
         the parameter, which needs none.
     nuisance : bool
         Whether a record says next to nothing about it: it stays where a search began.
+    most : float
+        Largest value, in multiples of `scale`, at which the effect still is what its name says.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Parameter:
     scale: str = "force"
     scan: tuple[float, ...] = ()
     nuisance: bool = False
+    most: float = inf
 
     @property
     def linear(self) -> bool:

@@ -66,6 +66,7 @@ PERIOD = Parameter(
     neutral=0.01,
     scale="stroke",
     scan=(0.005, 0.01, 0.02, 0.04, 0.08),
+    most=0.5,  # it must come twice
 )
 
 COGGING = Term(
