@@ -39,7 +39,7 @@ def test_a_box_spans_the_starting_values(scales):
 def test_a_nuisance_takes_one_of_its_values(scales):
     box = Box(EFFECTS["backlash"], scales)
     assert {p["load_offset"] for p in box.points(5)} == {0.0, 1.0}
-    assert {p["damping"] for p in box.points(3)} == {0.2}
+    assert {p["damping"] for p in box.points(3)} == {0.2, 0.7}
 
 
 def test_alternatives_act_one_at_a_time(scales):

@@ -279,7 +279,7 @@ def _tried(
         return max([0.0, *(t.gain for t in tried if t.passes(rules))])
 
     best = fit(chosen[:2])
-    best = fit([n for n in chosen[2:] if gains[n] > RIVAL * best or n in valleys])
+    best = fit([n for n in chosen[2:] if gains[n] > RIVAL * best])
     rough, left = max(s.rough for s in sides) > ROUGH, (1.0 - best) * cost(held)
     if rough and left > ADEQUATE:
         hopeless = {n for n, r in removed.items() if r < rules.search_left * (left - 1.0)}
