@@ -74,7 +74,17 @@ def diagnose(
     """
     names, several = _expanded(records)
     if not several:
-        return _one(names[0], axis, holdout, (simulated, simulated_holdout), data, json, out, judge, tolerance)
+        return _one(
+            names[0],
+            axis,
+            holdout,
+            (simulated, simulated_holdout),
+            data,
+            json,
+            out,
+            judge,
+            tolerance,
+        )
     if simulated or simulated_holdout:
         raise DataError("--simulated belongs to one record; diagnose the records one at a time")
     from ivtools.gap import diagnose_fleet

@@ -94,7 +94,8 @@ def diagnose(
     """
 
     def found(one: Record, other: Record | None) -> Diagnosis:
-        task = _Task(one, loop, other, judge, tolerance, tuple(extra), tuple(without))
+        third = judge if simulated is None else None  # of the axis itself, not of a difference
+        task = _Task(one, loop, other, third, tolerance, tuple(extra), tuple(without))
         return _diagnose(task, rules or Rules(), progress or _mute)
 
     with _one_blas_thread():
