@@ -3,14 +3,16 @@
 PYTHON ?= $(firstword $(foreach p,python3 python3.14 python3.13 python3.12 python3.11 python,\
             $(shell $(p) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $(p))))
 VENV := .venv
+MINUTES ?= 10
 RUN := $(VENV)/bin/python -m
 
-.PHONY: help demo test slow lint figure clean
+.PHONY: help demo test slow fuzz lint figure clean
 
 help:
 	@echo "make demo    identify a simulated axis; the report is in ./ivtools-demo"
 	@echo "make test    lint, types and tests (a few minutes)"
 	@echo "make slow    the tests that take longer"
+	@echo "make fuzz    malformed and pathological inputs, MINUTES=10"
 	@echo "make figure  draw the figure of the README"
 	@echo "make clean   remove the environment and everything the commands wrote"
 
@@ -26,6 +28,9 @@ slow: $(VENV)/.installed-dev
 lint: $(VENV)/.installed-dev
 	$(RUN) ruff check .
 	$(RUN) mypy
+
+fuzz: $(VENV)/.installed-dev
+	$(VENV)/bin/python tests/fuzz/fuzz.py --minutes $(MINUTES)
 
 figure: $(VENV)/.installed
 	$(VENV)/bin/python docs/figure.py

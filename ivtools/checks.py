@@ -9,6 +9,7 @@ import numpy as np
 from ivtools.clock import Clock
 from ivtools.columns import column_name
 from ivtools.errors import RecordError, ShapeError
+from ivtools.limits import LARGEST
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,7 +22,6 @@ MIN_SAMPLES = 200
 MAX_JITTER = 0.01  # of the step
 SLOWEST_HZ, FASTEST_HZ = 20.0, 1e6  # sampling outside suggests that t is not in s
 FASTEST_MOTION = 1000.0  # m/s or rad/s
-ABSURD = 1e30  # in SI; what is larger is no measurement, and its square no number
 LOGGERS = 0.35  # of the step; what jitters less, around a steady clock, is the logger and not it
 MUST_VARY = ("q", "q_ref", "nu", "tau", "dq")
 COUNTED = "rows of data count from 0"
@@ -117,7 +117,7 @@ def _check_time(record: Record) -> None:
             f"t jitters by {100 * record.jitter:.3g} % of its step, more than 1 %, first at row "
             f"{row} ({COUNTED}); {_jitter_remedy(t)}"
         )
-    if not 1.0 / ABSURD < record.dt < ABSURD:
+    if not 1.0 / LARGEST < record.dt < LARGEST:
         raise RecordError(f"t has steps of {record.dt:.3g} s, which is not plausible; give s")
 
 
@@ -147,9 +147,9 @@ def _jitter_remedy(t: NDArray[np.float64]) -> str:
 def _check_size(signal: str, values: NDArray[np.float64], n_joints: int) -> None:
     """Refuse numbers that no axis can make."""
     size = np.abs(values).max(axis=1) if len(values) else np.zeros(1)
-    if size.max() < ABSURD:
+    if size.max() < LARGEST:
         return
-    row = int(np.argmax(size >= ABSURD))
+    row = int(np.argmax(size >= LARGEST))
     joint = int(np.argmax(np.abs(values[row])))
     raise RecordError(
         f"{column_name(signal, joint, n_joints)} is {values[row, joint]:.3g} at row {row} "
@@ -162,7 +162,7 @@ def _check_motion(record: Record) -> None:
     excited = any(x is not None and np.ptp(x) > 0 for x in (record.added, record.dq_ref))
     for signal in MUST_VARY:
         values = getattr(record, signal)
-        varies = values is None or bool((np.ptp(values, axis=0) > 1.0 / ABSURD).any())
+        varies = values is None or bool((np.ptp(values, axis=0) > 1.0 / LARGEST).any())
         if varies or (signal == "q_ref" and excited):
             continue
         remedy = "log a moving axis" if signal == "q" else f"log {signal} or leave it out"

@@ -26,6 +26,7 @@ MOST_VALUES = 1000  # of a list in an axis file, such as the taps of a filter
 LARGEST_MATRIX = 50  # rows and columns
 LARGEST_TEXT = 4_000_000  # bytes of a TOML or JSON file
 MOST_NUMBERS = 100_000_000
+LARGEST = 1e30  # of a signal or parameter, in SI; the square of what is larger is no number
 VARIABLE = "IVTOOLS_MAX_SAMPLES"
 
 

@@ -355,6 +355,7 @@ def _is_whole(number: object, least: int) -> bool:
 
 def _check_nyquist(cutoff_hz: float, sampling_hz: float) -> None:
     """Refuse a cut-off that the sampling rate cannot carry."""
+    _require(cutoff_hz > 0.0, "cutoff_hz", f"{cutoff_hz:g}", "must be positive")
     _require(
         cutoff_hz < 0.5 * sampling_hz,
         "cutoff_hz",

@@ -10,6 +10,8 @@ from ivtools import datasets
 from ivtools.errors import DataError
 from ivtools.record import Record
 
+collect_ignore = ["fuzz"]  # programs; test_fuzz.py runs them
+
 
 def measured(name: str) -> Record:
     """Return a measured record; without the file skip, but in continuous integration fail."""

@@ -22,6 +22,7 @@ from ivtools.study import (
     Study,
     Trapezoids,
     load,
+    named,
 )
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -487,3 +488,31 @@ def test_a_python_file_without_a_study(tmp_path):
         load(file)
     with pytest.raises(IVToolsError, match="neither a named study"):
         load("no-such-study")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seeds": True}, "seeds = True; it is a whole number"),
+        ({"seeds": 10**400}, "seeds = 1000.*; it is a whole number"),
+        ({"estimators": 3}, "estimators = 3; it is a list"),
+        ({"estimators": [{"method": "idim-iv", "tol": "a"}]}, "idim-iv: tol = 'a'; it is a number"),
+        ({"case": {"reference": "x"}}, "a reference = 'x'; it is a table"),
+        ({"case": {"reference": {"strokes": "abc"}}}, "strokes = 'abc'; it is a list, each a num"),
+        ({"case": {"theta": 1}}, "theta = 1; it is a table, each value a number"),
+        ({"case": {"theta": {"inertia": 1e200}}}, "inertia is 1e\\+200; it must be finite"),
+        ({"case": {"pipeline": {"cutoff_hz": "fast"}}}, "cutoff_hz = 'fast'; it is a number or n"),
+        ({"case": {"terms": "inertia"}}, "terms = 'inertia'; it is a list"),
+        ({"case": {"effects": {"stribeck": 1}}}, "effects = .*; it is a table"),
+        ({"case": {"sampling_hz": 1e12}}, "1e.13 samples; a record has 200 to 10000000"),
+        ({"vary": 3}, "vary. is 3; it is a table"),
+        ({"vary": {"case": 3}}, "vary. case = 3; give a list of values"),
+    ],
+)
+def test_a_damaged_study_file_says_what_it_wants(changes, message):
+    theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+    case = {"axis": "emps", "theta": theta} | changes.get("case", {})
+    tables = {"seeds": 1, "estimators": ["idim-ls"]} | changes | {"case": case}
+    with pytest.raises(IVToolsError, match=message) as caught:
+        named.from_tables(tables).cases[0].record(0)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 300

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import AxisError, ShapeError
+from ..errors import AxisError, ShapeError, shown
+from ..limits import LARGEST
 from ..physics import Parameter, Term
 from ..pipeline import Motion
 
@@ -63,7 +64,7 @@ class Model:
         if theta is None:
             given: dict[str, float] = {}
         elif hasattr(theta, "items"):
-            given = {str(k): float(v) for k, v in theta.items()}
+            given = {str(k): self._number(str(k), v) for k, v in theta.items()}
         else:
             array = np.ravel(np.asarray(theta, dtype=float))
             if len(array) != len(self.names):
@@ -76,9 +77,20 @@ class Model:
             if key not in self.parameters:
                 known = ", ".join(self.parameters)
                 raise AxisError(f"parameter {key!r} is not in the model, whose are: {known}")
-            if not isfinite(value):
-                raise AxisError(f"parameter {key} is {value}; it must be finite")
+            if not abs(value) <= LARGEST:
+                raise AxisError(
+                    f"parameter {key} is {value:g}; it must be finite, and at most {LARGEST:g}"
+                )
         return {n: self._value(n, p, given) for n, p in self.parameters.items()}
+
+    @staticmethod
+    def _number(name: str, value: Any) -> float:
+        try:
+            return float(value)
+        except (TypeError, ValueError, OverflowError):
+            raise AxisError(
+                f"parameter {name} is {shown(repr(value))}; it must be a number"
+            ) from None
 
     def _value(self, name: str, parameter: Parameter, given: Mapping[str, float]) -> float:
         if name in given:

@@ -39,8 +39,9 @@ def cramer_rao(case: Case) -> pd.Series:
     Returns
     -------
     Series
-        NaN where the identified model is not the true one, where there is no noise at all, or
-        where the true model has an effect that is not a force law.
+        NaN where the identified model is not the true one, where there is no noise at all, where
+        the true model has an effect that is not a force law, or where the filter has no
+        stationary state.
 
     References
     ----------
@@ -63,9 +64,12 @@ def cramer_rao(case: Case) -> pd.Series:
     opaque = any(term.law is None for term in case.loop.terms)
     if nothing or opaque or not case.well_specified:
         return pd.Series(np.nan, index=names, name="bound")
-    information = sum(_information(case, seed) for seed in range(REALISATIONS)) / REALISATIONS
-    scale = np.sqrt(np.diag(information))  # units must not matter
-    inverse = np.linalg.solve(information / np.outer(scale, scale), np.eye(len(names)))
+    try:
+        information = sum(_information(case, seed) for seed in range(REALISATIONS)) / REALISATIONS
+        scale = np.sqrt(np.diag(information))  # units must not matter
+        inverse = np.linalg.solve(information / np.outer(scale, scale), np.eye(len(names)))
+    except np.linalg.LinAlgError:  # no stationary filter, or records that say nothing
+        return pd.Series(np.nan, index=names, name="bound")
     return pd.Series(np.sqrt(np.diag(inverse)) / scale, index=names, name="bound")
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools import __version__
+from ivtools.checks import MIN_SAMPLES
 from ivtools.digest import digest, loop_text, seed_sequence
 from ivtools.errors import EstimationError, IVToolsError
 from ivtools.loop import ClosedLoop, Simulation
@@ -27,6 +28,7 @@ Array = NDArray[np.float64]
 
 HOLDOUT = "holdout"  # takes the place of the repetition in the seed of the hold-out record
 HOLDOUT_SCALE = 0.8
+MOST_SAMPLES = 10_000_000  # of one simulated record
 SETTLING_ROWS = 6  # decimated rows at either end that the decimation filter disturbs
 
 
@@ -228,7 +230,13 @@ class Case:
 
     def _moved(self, reference: Reference) -> Record:
         """Return a record that holds a motion and nothing measured."""
-        t = np.arange(round(reference.duration * self.sampling_hz)) / self.sampling_hz
+        samples = reference.duration * self.sampling_hz
+        if not MIN_SAMPLES <= round(min(samples, 1e18)) <= MOST_SAMPLES:
+            raise IVToolsError(
+                f"case {self.name}: {reference.duration:g} s at {self.sampling_hz:g} Hz are "
+                f"{samples:.3g} samples; a record has {MIN_SAMPLES} to {MOST_SAMPLES}"
+            )
+        t = np.arange(round(samples)) / self.sampling_hz
         q_ref = reference.position(t)
         return Record(t, q=q_ref, q_ref=q_ref, nu=q_ref, name=self.name)
 

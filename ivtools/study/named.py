@@ -5,15 +5,19 @@ from __future__ import annotations
 import runpy
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Any
 
 from ivtools import axes
-from ivtools.errors import IVToolsError
+from ivtools.errors import IVToolsError, shown
 from ivtools.estimators.base import estimator_class
+from ivtools.limits import check_content, read_text
 from ivtools.loop import ClosedLoop
+from ivtools.pipeline import Pipeline
+from ivtools.settings import fitted, table, value
 from ivtools.study.case import Case
 from ivtools.study.reference import KINDS
 from ivtools.study.run import Study
@@ -24,9 +28,10 @@ NAMES = tuple(FILES)
 
 _TOP = ("title", "question", "seeds", "estimators", "case", "vary")
 _NUMBERS = ("sampling_hz", "encoder_noise", "quantum", "force_noise", "force_noise_pole")
-_TABLES = ("theta", "pipeline", "start", "expected")
+_VALUES = ("theta", "start", "expected")
 _MODEL = ("axis", "terms", "effects")
-_CASE = (*_MODEL, "fitted", "reference", "holdout", *_NUMBERS, *_TABLES)
+_CASE = (*_MODEL, "fitted", "reference", "holdout", "pipeline", *_NUMBERS, *_VALUES)
+MOST_CASES = 10_000
 
 
 def load(source: str | Path, seeds: int | None = None) -> Study:
@@ -65,26 +70,30 @@ def load(source: str | Path, seeds: int | None = None) -> Study:
 
 def from_tables(tables: Mapping[str, Any]) -> Study:
     """Make the study that the tables of a TOML file describe."""
-    _known("a study file", tables, _TOP)
-    estimators = dict(map(_estimator, tables.get("estimators", [])))
-    if len(estimators) < len(tables.get("estimators", [])):
+    table(tables, _TOP, "a study file")
+    check_content("the study", dict(tables))
+    given = value(tables.get("estimators", []), tuple[Any, ...], "estimators")
+    estimators = dict(map(_estimator, given))
+    if len(estimators) < len(given):
         raise IVToolsError("two estimators have one name; give each a label")
     return Study(
-        list(_cases(tables.get("case", {}), tables.get("vary", {}))),
+        list(_cases(table(tables.get("case", {}), _CASE, "[case]"), tables.get("vary", {}))),
         estimators,
-        tables.get("seeds", 100),
-        str(tables.get("title", "")),
-        str(tables.get("question", "")),
+        value(tables.get("seeds", 100), int, "seeds"),
+        value(tables.get("title", ""), str, "title"),
+        value(tables.get("question", ""), str, "question"),
     )
 
 
 def _from_toml(path: Path) -> Study:
     try:
-        return from_tables(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise IVToolsError(f"{path} is not TOML: {error}") from error
+        return from_tables(tomllib.loads(read_text(path)))
     except IVToolsError as error:
         raise type(error)(f"{path}: {error}") from error
+    except OSError as error:
+        raise IVToolsError(f"{path} cannot be read: {error.strerror}") from error
+    except ValueError as error:  # what a parser refuses
+        raise IVToolsError(f"{path} is not TOML: {shown(str(error), 200)}") from error
 
 
 def _from_python(path: Path) -> Study:
@@ -99,24 +108,28 @@ def _from_python(path: Path) -> Study:
 
 def _estimator(entry: Any) -> tuple[str, Any]:
     """Return label and estimator of ``"idim-iv"`` or ``{method = "idim-iv", label = ..., ...}``."""
-    settings = {"method": entry} if isinstance(entry, str) else dict(entry)
-    if "method" not in settings:
-        raise IVToolsError(f"estimator {entry!r} has no method")
-    kind = estimator_class(settings.pop("method"))
-    label = settings.pop("label", kind.key)
-    _known(f"estimator {label}", settings, [f.name for f in fields(kind)])
-    return label, kind(**settings)
+    settings = {"method": entry} if isinstance(entry, str) else entry
+    if not isinstance(settings, Mapping) or "method" not in settings:
+        raise IVToolsError(f"estimator {shown(repr(entry))} has no method")
+    kind = estimator_class(value(settings["method"], str, "method of an estimator"))
+    label = value(settings.get("label", kind.key), str, "label of an estimator")
+    given = {k: v for k, v in settings.items() if k not in ("method", "label")}
+    return label, kind(**fitted(kind, given, f"estimator {label}"))
 
 
 def _cases(common: Mapping[str, Any], vary: Mapping[str, Any]) -> Iterator[Case]:
     """Yield every combination of what varies."""
+    if not isinstance(vary, Mapping):
+        raise IVToolsError(f"[vary] is {shown(repr(vary))}; it is a table of what varies")
     choices = [list(_choices(name, values)) for name, values in vary.items()]
+    if prod(map(len, choices)) > MOST_CASES:
+        raise IVToolsError(f"[vary] makes {prod(map(len, choices))} cases; at most {MOST_CASES}")
     for chosen in product(*choices):
         settings: dict[str, Any] = dict(common)
         for _, changes in chosen:
-            for key, value in changes.items():
-                _put(settings, key, value)
-        factors = dict(zip(vary, (value for value, _ in chosen), strict=True))
+            for key, one in changes.items():
+                _put(settings, key, one)
+        factors = dict(zip(vary, (one for one, _ in chosen), strict=True))
         name = ", ".join(f"{k.split('.')[-1]} {_short(v)}" for k, v in factors.items()) or "case"
         try:
             yield _case(name, settings, factors)
@@ -132,7 +145,7 @@ def _choices(name: str, values: Any) -> Iterator[tuple[Any, Mapping[str, Any]]]:
         yield from ((_number(key), changes) for key, changes in values.items())
     else:
         raise IVToolsError(
-            f"[vary] {name} = {values!r}; give a list of values, or one table per variant"
+            f"[vary] {name} = {shown(repr(values))}; give a list of values, or a table per variant"
         )
 
 
@@ -145,59 +158,51 @@ def _number(name: str) -> float | str:
 
 def _put(settings: dict[str, Any], key: str, value: Any) -> None:
     """Set a key, where ``pipeline.cutoff_hz`` reaches into a table."""
-    table, _, inner = key.partition(".")
-    settings[table] = {**settings.get(table, {}), inner: value} if inner else value
+    name, _, inner = key.partition(".")
+    whole = settings.get(name, {})
+    if inner and not isinstance(whole, Mapping):
+        raise IVToolsError(f"[vary] {key}: {name} = {shown(repr(whole))} is no table")
+    settings[name] = {**whole, inner: value} if inner else value
 
 
 def _case(name: str, settings: Mapping[str, Any], factors: Mapping[str, Any]) -> Case:
-    _known(f"case {name}", settings, _CASE)
-    fitted = settings.get("fitted")
-    if fitted is not None:
-        _known("fitted", fitted, _MODEL)
-        fitted = _loop({"axis": settings.get("axis", "emps"), **fitted})
+    table(settings, _CASE, f"case {name}")
+    other = settings.get("fitted")
+    if other is not None:
+        table(other, _MODEL, "fitted")
+        other = _loop({"axis": settings.get("axis", "emps"), **other})
     options: dict[str, Any] = {
         k: _reference(settings[k]) for k in ("reference", "holdout") if k in settings
     }
-    options |= {k: float(settings[k]) for k in _NUMBERS if k in settings}
-    for key in {*_TABLES} & {*settings}:
-        options[key] = {name: _plain(value) for name, value in settings[key].items()}
+    options |= {k: value(settings[k], float, k) for k in _NUMBERS if k in settings}
+    options |= {k: value(settings[k], Mapping[str, float], k) for k in _VALUES if k in settings}
+    rows = value(settings.get("pipeline", {}), Mapping[str, Any], "pipeline")
+    plain = {key: None if one == "none" else one for key, one in rows.items()}
+    options["pipeline"] = fitted(Pipeline, plain, "pipeline")
     options.setdefault("theta", {})
-    return Case(name, _loop(settings), fitted=fitted, factors=factors, **options)
+    return Case(name, _loop(settings), fitted=other, factors=factors, **options)
 
 
 def _loop(settings: Mapping[str, Any]) -> ClosedLoop:
-    axis = str(settings.get("axis", "emps"))
+    axis = value(settings.get("axis", "emps"), str, "axis")
     loop = ClosedLoop.from_file(axes.path(axis) if axis in axes.FILES else axis)
     if "terms" in settings:
-        loop = loop.with_terms(*settings["terms"])
-    for effect, values in settings.get("effects", {}).items():
+        loop = loop.with_terms(*value(settings["terms"], tuple[str, ...], "terms"))
+    effects = value(settings.get("effects", {}), Mapping[str, Mapping[str, float]], "effects")
+    for effect, values in effects.items():
         loop = loop.with_effect(effect, **values)
     return loop
 
 
 def _reference(settings: Mapping[str, Any]) -> Any:
-    given = dict(settings)
-    kind = given.pop("kind", "trapezoids")
+    given = dict(value(settings, Mapping[str, Any], "a reference"))
+    kind = value(given.pop("kind", "trapezoids"), str, "reference: kind")
     if kind not in KINDS:
-        raise IVToolsError(f"reference kind {kind!r} is unknown; use one of {', '.join(KINDS)}")
-    _known(f"reference {kind}", given, [f.name for f in fields(KINDS[kind])])
-    return KINDS[kind](**{k: tuple(v) if isinstance(v, list) else v for k, v in given.items()})
-
-
-def _plain(value: Any) -> Any:
-    """Return a TOML value as the pipeline wants it: TOML has no None and no tuple."""
-    if value == "none":
-        return None
-    return tuple(value) if isinstance(value, list) else value
+        names = ", ".join(KINDS)
+        raise IVToolsError(f"reference kind {shown(kind)!r} is unknown; use one of {names}")
+    return KINDS[kind](**fitted(KINDS[kind], given, f"reference {kind}"))
 
 
 def _short(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, int | float) else str(value)
-
-
-def _known(what: str, given: Mapping[str, Any], known: Any) -> None:
-    if not isinstance(given, Mapping):
-        raise IVToolsError(f"{what} is {given!r}; it is a table of keys and values")
-    for key in given:
-        if key not in known:
-            raise IVToolsError(f"{what} does not know {key!r}; it knows: {', '.join(known)}")
+    number = isinstance(value, int | float) and abs(value) < 1e300
+    return f"{value:g}" if number else shown(str(value), 200)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+MOST_LINES = 1000
 STROKES = (0.24, 0.16, 0.08, 0.04, 0.02, 0.01)  # m
 SPEEDS = (0.15, 0.10, 0.06, 0.04, 0.02, 0.01)  # m/s
 
@@ -162,6 +163,8 @@ class Multisine:
 
     def __post_init__(self) -> None:
         _check_positive(self, "duration", "amplitude", "lowest_hz", "highest_hz", "lines", "fade")
+        if self.lines > MOST_LINES:
+            raise IVToolsError(f"Multisine lines = {self.lines}; at most {MOST_LINES}")
 
     def position(self, t: Array) -> Array:
         """Return the position reference (n,) at the times (n,)."""
