@@ -282,8 +282,20 @@ class Diagnosis:
             return export(path, joint, self.loop, self.theta, actuator=actuator)
         base = {name for term in self.loop.terms if term.base for name in term.names}
         changes = {name: c.change for name, c in self.changes.items() if name in base}
-        values = {name: c.real - c.simulator for name, c in self.changes.items()}
-        return export(path, joint, self.loop, values, actuator=actuator, changes=changes)
+        linear = {name for name, p in self.loop.parameters.items() if p.linear}
+        values = {  # too much of an effect is taken away: what it is linear in turns its sign
+            name: c.change if name in linear or not self.surplus else c.simulator
+            for name, c in self.changes.items()
+        }
+        return export(
+            path,
+            joint,
+            self.loop,
+            values,
+            actuator=actuator,
+            changes=changes,
+            surplus=self.surplus,
+        )
 
     def plot(self) -> Figure:
         """Return the figure that shows the answer."""

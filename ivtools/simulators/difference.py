@@ -78,7 +78,8 @@ def difference(real: Record, simulated: Record, loop: ClosedLoop) -> Difference:
         "nu": model.nu + loop.command(real) - loop.command(simulated),
     }
     if real.dq is not None and simulated.dq is not None:
-        signals["dq"] = model.dq + real.dq - simulated.dq
+        own = loop.controller.known(simulated).law(simulated.dt).velocity(model.q[:, 0])
+        signals["dq"] = own[:, np.newaxis] + real.dq - simulated.dq
     kept = {k: v for k in ("q_ref", "dq_ref", "added") if (v := getattr(real, k)) is not None}
     record = Record(
         t=real.t, **signals, **kept, name=real.name, notes=(*real.notes, *notes), extra=real.extra

@@ -9,10 +9,11 @@ nothing but a bias.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ivtools.errors import AxisError
 from ivtools.files import write
 from ivtools.loop import ClosedLoop
 from ivtools.physics import Term
@@ -56,6 +57,7 @@ def export(
     *,
     actuator: str | None = None,
     changes: Mapping[str, float] | None = None,
+    surplus: Sequence[str] = (),
 ) -> Export:
     """Write a diagnosed loop into the model of one of its joints.
 
@@ -73,6 +75,9 @@ def export(
     changes : mapping, optional
         Changes of base parameters against the model, by name: they are added to what the model
         states. Without them the loop's values replace the model's.
+    surplus : sequence of str
+        Effects that the model has and the axis lacks; what is no force of its own must be taken
+        out of it by hand.
 
     Raises
     ------
@@ -93,6 +98,10 @@ def export(
     for term in sorted(loop.terms, key=lambda term: term.slot == "second mass"):  # takes its share
         values = tuple(float(wanted.get(name, 0.0)) for name in term.names)
         write = _NATIVE.get(term.name)
+        if term.name in surplus and term.law is None:
+            lost.append(term.name)
+            writer.comment(f"to be taken out: {_formula(term, values, loop.joint)}")
+            continue
         if write is not None and write(writer, *values):
             native.append(f"{term.name}: {', '.join(map(number, values))}")
             continue
@@ -118,7 +127,11 @@ def _text(tree: ET.ElementTree[ET.Element]) -> str:
     ET.indent(tree)
     xml = ET.tostring(tree.getroot(), encoding="unicode") + "\n"
     if not any(e.get("file") for e in tree.iter() if isinstance(e.tag, str)):
-        engine().MjModel.from_xml_string(xml)
+        try:
+            engine().MjModel.from_xml_string(xml)
+        except ValueError as error:
+            reason = " ".join(str(error).split())[:200]
+            raise AxisError(f"MuJoCo does not take the diagnosed model: {reason}") from error
     return xml
 
 

@@ -13,6 +13,7 @@ from ivtools.simulators.mjcf import Axis, engine
 
 _FRAME = ("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "childclass")
 _PLACE = ("joint", "dof", "position", "actuator", "pose")
+_CLOSED = 1e-12  # m or rad: MuJoCo wants a gap that is not 0
 _SILENT = {"motorconst": "1e-6", "resistance": "1e6"}  # a motor that does nothing by itself
 #: Friction that holds at standstill instead of creeping, as far as MuJoCo's solver goes.
 _DRY = {"solreffriction": "0.0001 1", "solimpfriction": "0.999 0.9999 0.0001"}
@@ -130,7 +131,7 @@ class Writer:
         self, gap: float, share: float, friction: float, offset: float, hz: float, damping: float
     ) -> bool:
         """Write a load behind a gap with hard ends."""
-        rate = 2.0 * pi * hz
+        rate, gap = 2.0 * pi * hz, max(gap, _CLOSED)
         stop = {
             "limited": "true",
             "range": f"{number(-0.5 * gap)} {number(0.5 * gap)}",
