@@ -58,6 +58,11 @@ class Pipelines:
         """The largest of the joints' least speeds: 0 if none is masked."""
         return max(p.min_speed for p in self.joints)
 
+    @property
+    def force_shift(self) -> float:
+        """The largest of the joints' delays of the force, in samples: 0 if none is aligned."""
+        return max((p.force_shift for p in self.joints), key=abs)
+
     def differentiate(self, q: Array, dt: float, filtered: bool = True) -> Motion:
         """Do as `Pipeline.differentiate`, joint by joint, (n, n_joints) each."""
         parts = [p.differentiate(x, dt, filtered) for p, x in zip(self.joints, q.T, strict=True)]

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from .errors import EstimationError, ShapeError
 from .linalg import solve_iv
-from .loop import ClosedLoop, Simulation
+from .loop import ClosedLoop, RobotLoop, Simulation
 from .loop.model import Theta
 from .loop.observer import driven_by, observed_velocity
 from .loop.rough_inertia import position_columns, rough_inertia, start_values
 from .pipeline import Motion, Pipeline
+from .pipelines import Pipelines
 from .record import Record
 
 Array = NDArray[np.float64]
@@ -52,10 +53,10 @@ class Problem:
     ----------
     record : Record
         The measured record.
-    loop : ClosedLoop
-        Its model; ``loop.names`` are the parameters.
-    pipeline : Pipeline, optional
-        Default: the one that the loop's bandwidth asks for.
+    loop : ClosedLoop or RobotLoop
+        Its model; ``loop.names`` are the parameters. Rows are stacked joint by joint.
+    pipeline : Pipeline or Pipelines, optional
+        Default: the one that the loop's bandwidth asks for; of a robot, one per joint.
     simulation : mapping
         Options of `ClosedLoop.simulate` for every simulation, such as ``{"stiction": False}``.
 
@@ -68,15 +69,15 @@ class Problem:
     """
 
     record: Record
-    loop: ClosedLoop
-    pipeline: Pipeline = None  # type: ignore[assignment]  # filled in below
+    loop: ClosedLoop | Any  # or RobotLoop, which has the same face
+    pipeline: Pipeline | Any = None  # filled in below
     simulation: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.record.n_joints != 1:
+        if self.record.n_joints != len(self.loop.joints):
             raise ShapeError(
-                f"the record has {self.record.n_joints} joints; a loop describes one, so take them "
-                "one at a time"
+                f"the record has {self.record.n_joints} joints and the loop "
+                f"{len(self.loop.joints)} ({', '.join(self.loop.joints)}); a RobotLoop has several"
             )
         object.__setattr__(self, "loop", self.loop.known(self.record))
         if self.pipeline is None:
@@ -104,8 +105,15 @@ class Problem:
 
     @cached_property
     def force(self) -> Array:
-        """Measured force at the sampling rate, aligned, N or N m, (n_samples, 1)."""
+        """Measured force at the sampling rate, aligned, N or N m, (n_samples, n_joints)."""
         return self.pipeline.align(self.loop.force(self.record))
+
+    @cached_property
+    def load(self) -> Array:
+        """Known load, aligned as the force that meets it, N or N m, (n_samples, n_joints)."""
+        if self.record.load is None:
+            return np.zeros_like(self.record.q)
+        return self.pipeline.align(self.record.load)
 
     @cached_property
     def _rows(self) -> Array:
@@ -130,6 +138,8 @@ class Problem:
     @cached_property
     def row_joints(self) -> NDArray[np.int_]:
         """Joint that each row belongs to, (N,)."""
+        if isinstance(self.pipeline, Pipelines):
+            return self.pipeline.row_joints(self.record.n_samples, self._speed)
         return np.zeros(len(self.y), dtype=int)
 
     @property
@@ -137,9 +147,9 @@ class Problem:
         return self.motion.dq if self.pipeline.min_speed > 0.0 else None
 
     def _through(self, motion: Motion, force: Array) -> Array:
-        """Return the rows (regressor, force) of a trajectory, measured or simulated."""
+        """Return the rows (regressor, force less load) of a trajectory, measured or simulated."""
         columns = self.loop.regressor(motion, force, self.record.t - self.record.t[0])
-        return self.pipeline.rows(np.hstack([columns, force]), self._speed)
+        return self.pipeline.rows(beside(columns, force - self.load), self._speed)
 
     # --- simulated -----------------------------------------------------------------------------
 
@@ -243,7 +253,7 @@ class Problem:
         jump = change @ [values[name] for name in self.names]  # of the friction, N or N m
         kick = np.abs(jump)[:, np.newaxis] * self.record.dt / values["inertia"]  # m/s or rad/s
         columns[k] += share_behind(np.abs(dq[k]), np.abs(later[k]), kick) * change
-        return self.pipeline.rows(np.hstack([columns, force]), self._speed)
+        return self.pipeline.rows(beside(columns, force - self.load), self._speed)
 
     def _simulated(
         self, theta: Theta | None, filtered: bool, scale_gain: bool
@@ -256,8 +266,8 @@ class Problem:
         self, theta: Theta | None, filtered: bool, scale_gain: bool
     ) -> tuple[Simulation, Motion]:
         """Simulate the loop; also return its motion, band-passed if asked for."""
-        values = self.loop.values(theta)
-        loop = self.scaled_loop(values["inertia"]) if scale_gain else self.loop
+        values = self.loop.possible(self.loop.values(theta), self.record, lambda: self.X)
+        loop = self.scaled_loop(values) if scale_gain else self.loop
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable loop is told below
             simulation = loop.simulate(self.record, values, **self.simulation)
         if not simulation.finite:
@@ -266,15 +276,9 @@ class Problem:
             return simulation, simulation.motion
         return simulation, self.pipeline.differentiate(simulation.q, self.record.dt)
 
-    def scaled_loop(self, inertia: float) -> ClosedLoop:
-        """Return the loop that keeps the real bandwidth whatever the inertia, kg or kg m2.
-
-        The controller's output is multiplied by the inertia over that of least squares, and has no
-        limit, so that the axis follows its reference with any parameters.
-        """
-        ratio = inertia / self._least_squares["inertia"]
-        controller = replace(self.loop.controller.scaled(ratio), limit=np.inf)
-        return replace(self.loop, controller=controller)
+    def scaled_loop(self, theta: Theta) -> ClosedLoop | Any:
+        """Return the loop that keeps the real bandwidth whatever the inertia; see `loop.scaled`."""
+        return self.loop.scaled(self.loop.values(theta), self._least_squares, self.record)
 
     def instruments(
         self, theta: Theta | None, *, filtered: bool = True, scale_gain: bool = False
@@ -296,12 +300,21 @@ class Problem:
     @cached_property
     def _least_squares(self) -> dict[str, float]:
         """Least squares of the model's terms, or, if its inertia is absurd, beside others."""
+        if isinstance(self.loop, RobotLoop):
+            return self._slow_least_squares(self.loop)
         theta = solve_iv(self.X, self.y, names=self.names)
         if "inertia" in self.names and not self._plausible(theta[self.names.index("inertia")]):
             places = position_columns(self.motion.q[:, 0], self.loop.joint)
             places = self.pipeline.rows(places, self._speed)
             theta = start_values(self.X, self.y, places)
         return dict(zip(self.names, theta.tolist(), strict=True))
+
+    def _slow_least_squares(self, loop: RobotLoop) -> dict[str, float]:
+        """Least squares of a robot in the band of its references, made possible."""
+        slow = replace(self, pipeline=loop.start_pipeline(self.record))
+        theta = solve_iv(slow.X, slow.y, names=self.names)
+        values = loop.possible(loop.values(theta), self.record, lambda: slow.X)
+        return {name: values[name] for name in self.names}
 
     def _plausible(self, inertia: float) -> bool:
         """Whether an inertia is near the one of the axis file, or else of the record."""
@@ -317,6 +330,13 @@ class Problem:
 def _turned(motion: Motion, dq: Array) -> Motion:
     """Return the motion with the velocity dq where it has another direction."""
     return motion._replace(dq=np.where(np.sign(motion.dq) == np.sign(dq), motion.dq, dq))
+
+
+def beside(columns: Array, force: Array) -> Array:
+    """Return columns (..., n_samples, p) with the force (n_samples, n_joints) as one more."""
+    if columns.ndim == 2:
+        return np.hstack([columns, force])
+    return np.concatenate([columns, force.T[:, :, np.newaxis]], axis=2)
 
 
 def share_behind(before: Array, after: Array, kick: Array) -> Array:

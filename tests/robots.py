@@ -62,14 +62,14 @@ def six_loop(terms=SIX_TERMS):
     return iv.RobotLoop(iv.Robot.six_axis(), axes)
 
 
-def reference(seconds, dt=1e-3, n=6, seed=0, size=0.5):
-    """Sums of sines, at 0.1 to 0.5 Hz, that begin at 0."""
+def reference(seconds, dt=1e-3, n=6, seed=0, size=0.25):
+    """Sums of sines, at 0.1 to 0.8 Hz, that begin at 0."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds / dt)) * dt
     q = np.zeros((len(t), n))
-    for h in range(1, 6):
+    for h in range(1, 9):
         w = 2.0 * np.pi * 0.1 * h
-        a, b = rng.standard_normal((2, n)) * size / h
+        a, b = rng.standard_normal((2, n)) * size / np.sqrt(h)
         q += np.sin(w * t)[:, None] * a + (np.cos(w * t) - 1.0)[:, None] * b
     return t, q
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ivtools.errors import ConvergenceWarning, EstimationError
 from ivtools.linalg import CovType
+from ivtools.loop import RobotLoop
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
@@ -59,6 +60,8 @@ class Estimator(ABC):
     """
 
     key: ClassVar[str]
+    robots: ClassVar[bool] = False
+    """Whether the method knows more than one joint."""
 
     cov_type: CovType = "hac"
 
@@ -79,7 +82,17 @@ class Estimator(ABC):
         -----
         ConvergenceWarning
             If the iteration stopped before its tolerance; `converged` is then False.
+
+        Raises
+        ------
+        EstimationError
+            If the problem is a robot's and the method is for one axis.
         """
+        if not self.robots and isinstance(problem.loop, RobotLoop):
+            raise EstimationError(
+                f"{self.key} is for one axis; robots are identified by idim-ls, idim-wls, idim-iv "
+                "and didim"
+            )
         start = perf_counter()
         results = self.estimate(problem)
         if not results.converged:

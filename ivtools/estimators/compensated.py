@@ -63,6 +63,7 @@ class IDIMBCIV(IDIMIV):
     """
 
     key: ClassVar[str] = "idim-bciv"
+    robots: ClassVar[bool] = False
 
     def system(
         self, problem: Problem, theta: Array, scale_gain: bool = False, X: Array | None = None

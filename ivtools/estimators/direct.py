@@ -125,6 +125,7 @@ class DDMIV(IDIMIV):
     """
 
     key: ClassVar[str] = "ddm-iv"
+    robots: ClassVar[bool] = False
 
     def estimate(self, problem: Problem) -> FitResults:
         """Iterate W(theta_k)' (ddq - W b) = 0 as W(theta_k)' (y - X theta) = 0."""

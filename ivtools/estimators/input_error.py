@@ -70,6 +70,7 @@ class DIDIM(Estimator):
     """
 
     key: ClassVar[str] = "didim"
+    robots: ClassVar[bool] = True
 
     tol: float = 1e-4
     max_iter: int = 20

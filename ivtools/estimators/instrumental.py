@@ -19,6 +19,7 @@ from ivtools.estimators.iteration import (
 )
 from ivtools.estimators.least_squares import joint_weights
 from ivtools.linalg import Weights, solve_iv
+from ivtools.loop import ClosedLoop
 from ivtools.results import FitResults
 
 if TYPE_CHECKING:
@@ -95,8 +96,8 @@ class IDIMIV(Estimator):
     filtered : bool
         Band-pass the simulated position as the measured one; False takes the simulated velocity
         and acceleration as they are, as much of the literature does.
-    weighted : bool
-        Weigh the rows by the residual of their joint.
+    weighted : bool, optional
+        Weigh the rows by the residual of their joint; default: where there are several.
     robust : {None, "huber"}
         "huber" gives rows with large errors less weight.
 
@@ -115,13 +116,14 @@ class IDIMIV(Estimator):
     """
 
     key: ClassVar[str] = "idim-iv"
+    robots: ClassVar[bool] = True
 
     tol: float = 1e-4
     max_iter: int = 30
     start: Start = "axis"
     scale_gain: bool = True
     filtered: bool = True
-    weighted: bool = False
+    weighted: bool | None = None
     robust: Literal["huber"] | None = None
 
     def __post_init__(self) -> None:
@@ -158,7 +160,8 @@ class IDIMIV(Estimator):
 
     def row_weights(self, system: System, resids: Array, last: Step) -> Weights | None:
         """Return the weights of the rows for this residual (N,), after the last step."""
-        weights = joint_weights(resids, system.joints) if self.weighted else None
+        weighted = system.joints.any() if self.weighted is None else self.weighted
+        weights = joint_weights(resids, system.joints) if weighted else None
         if self.robust:
             weights = huber(resids, weights)
         return weights
@@ -242,9 +245,10 @@ def within_bounds(problem: Problem, theta: Array) -> Array:
     EstimationError
         If the inertia is not positive: nothing can be simulated.
     """
-    inertia = theta[problem.names.index("inertia")] if "inertia" in problem.names else np.nan
-    if not inertia > 0.0:
-        raise EstimationError(f"inertia is {inertia:.4g}; a simulation needs a positive one")
+    if isinstance(problem.loop, ClosedLoop):  # a robot is made possible link by link
+        inertia = theta[problem.names.index("inertia")] if "inertia" in problem.names else np.nan
+        if not inertia > 0.0:
+            raise EstimationError(f"inertia is {inertia:.4g}; a simulation needs a positive one")
     bounds = [problem.loop.parameters[name] for name in problem.names]
     return np.clip(theta, [b.lower for b in bounds], [b.upper for b in bounds])
 

@@ -44,6 +44,7 @@ class IDIMLS(Estimator):
     """
 
     key: ClassVar[str] = "idim-ls"
+    robots: ClassVar[bool] = True
 
     def estimate(self, problem: Problem) -> FitResults:
         """Solve y (N,) = X (N, p) theta (p,) + e (N,)."""
@@ -81,6 +82,7 @@ class IDIMWLS(Estimator):
     """
 
     key: ClassVar[str] = "idim-wls"
+    robots: ClassVar[bool] = True
 
     robust: Literal["huber"] | None = None
     max_iter: int = 100

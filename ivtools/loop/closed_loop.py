@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from math import isfinite, isnan
+from math import inf, isfinite, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 from weakref import WeakKeyDictionary
@@ -225,6 +225,23 @@ class ClosedLoop(Model):
     def axis(self, joint: int, record: Record, theta: Theta | None = None) -> ClosedLoop:
         """Return the loop of a joint alone, as a robot's does: this one."""
         return self
+
+    def possible(
+        self, values: Mapping[str, float], record: Record, rows: Callable[[], Array]
+    ) -> dict[str, float]:
+        """Return the nearest values that can be simulated, as a robot's loop does: these."""
+        return dict(values)
+
+    def scaled(
+        self, values: Mapping[str, float], measured: Mapping[str, float], record: Record
+    ) -> ClosedLoop:
+        """Return the loop that keeps its bandwidth with the inertia of other values.
+
+        The controller's output is multiplied by the inertia over the one measured, and has no
+        limit, so that the axis follows its reference with any parameters.
+        """
+        controller = self.controller.scaled(values["inertia"] / measured["inertia"])
+        return replace(self, controller=replace(controller, limit=inf))
 
     # --- signals ------------------------------------------------------------------------------
 

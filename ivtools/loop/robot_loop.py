@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from ..pipelines import Pipelines
 from ..record import Record
 from ..record_format import RecordFormat
 from ..robot.base import Base, group, preference, random_motion
+from ..robot.consistent import nearest
 from ..robot.robot import Robot
 from .closed_loop import ClosedLoop
 from .model import Array, Model, Theta
@@ -29,6 +30,7 @@ SINGULAR = (
     "the mass matrix of these parameters is not positive definite: nothing can be simulated; take "
     "parameters of links that can exist"
 )
+_BAND = 3.0  # of a motion's own band, for a first guess
 _POSES = 50  # of a record, at which the mass matrix is looked at
 _UNITS = {1: "kg", 2: "kg m", 3: "kg m2"}  # by the power of the length, plus one
 
@@ -125,7 +127,7 @@ class RobotLoop(Model):
         q, dq, ddq = random_motion(self.robot)
         tau, t = np.random.default_rng(1).uniform(-1.0, 1.0, (2, *q.shape))
         motion = Motion(*(self._from_joints(x) for x in (q, dq, ddq)))
-        links = self._links(motion, None).transpose(1, 0, 2).reshape(-1, 10 * self.n_joints)
+        links = self._links(motion, None).reshape(-1, 10 * self.n_joints)
         blocks = [links]
         for j, axis in enumerate(self.axes):
             part = Motion(*(x[:, j] for x in motion))
@@ -350,6 +352,75 @@ class RobotLoop(Model):
             raise AxisError(SINGULAR)
         return np.asarray(1.0 / np.diag(np.linalg.inv(M.mean(axis=0))), dtype=float)
 
+    def possible(
+        self, values: Mapping[str, float], record: Record, rows: Callable[[], Array]
+    ) -> dict[str, float]:
+        """Return the nearest values that can be simulated on a record.
+
+        Bounds hold, and the mass matrix is positive definite wherever the robot moves. Where it is
+        not, the links are replaced by the nearest ones that can exist, measured by the force along
+        the record, the robot's own as the prior.
+
+        Parameters
+        ----------
+        values : mapping
+            Of every parameter.
+        record : Record
+        rows : callable
+            Returns the observation matrix of the record, (N, p).
+
+        Raises
+        ------
+        MissingExtraError
+            If that takes cvxpy and it is not installed.
+        """
+        bounds = self.parameters
+        found = {k: min(max(v, bounds[k].lower), bounds[k].upper) for k, v in values.items()}
+        try:
+            self.felt_inertias(record, found)
+        except AxisError:
+            theta = self.consistent(found, rows()) @ self.base.matrix.T
+            found |= dict(zip(self.names, theta.tolist(), strict=True))
+        return found
+
+    def consistent(self, theta: Theta, X: Array | None = None, pull: float = 1e-6) -> Array:
+        """Return parameters of links that can exist, (10 n + k,), nearest to these.
+
+        Parameters
+        ----------
+        theta : mapping, Series or array_like
+        X : (N, p) ndarray, optional
+            Observation matrix, whose force measures distances; default: relative ones.
+        pull : float
+            Weight of the robot's own parameters, which decide what theta does not.
+
+        Returns
+        -------
+        ndarray
+            Standard parameters, link by link, then the joints' own, in the order of
+            ``base.standard``.
+        """
+        values = self.values(theta)
+        wanted = np.array([values[name] for name in self.names])
+        own = [self._own_parameters[name].lower for name in self._own_names]
+        prior = np.concatenate([self.robot.inertias.ravel(), self._own_starts()])
+        metric = None if X is None else np.asarray(np.linalg.qr(X, mode="r"))
+        return nearest(self.base.matrix, wanted, metric, prior, np.array(own), pull)
+
+    def scaled(
+        self, values: Mapping[str, float], measured: Mapping[str, float], record: Record
+    ) -> RobotLoop:
+        """Return the loop that keeps its bandwidths with the inertia of other values.
+
+        What counts is the inertia that a drive feels, 1/diag(inv(M)); see `ClosedLoop.scaled`.
+        """
+        felt = [self.felt_inertias(record, v) for v in (values, measured)]
+        axes = [
+            replace(axis, controller=replace(axis.controller.scaled(float(r)), limit=np.inf))
+            for axis, r in zip(self.axes, felt[0] / felt[1], strict=True)
+        ]
+        return replace(self, axes=axes)
+
     # --- the closed loop -------------------------------------------------------------------------
 
     def known(self, record: Record) -> RobotLoop:
@@ -427,6 +498,27 @@ class RobotLoop(Model):
             "trim": tuple(max(p.trim[i] for p in found) for i in range(2)),
         }
         return Pipelines(tuple(replace(p, **common) for p in found))  # type: ignore[arg-type]
+
+    def start_pipeline(self, record: Record) -> Pipelines:
+        """Return pipelines for a first guess: they keep the band that the references move in.
+
+        Noise of the encoders, differentiated twice, biases least squares with the cut-off's fifth
+        power; a start needs no more of the motion than what carries most of its acceleration.
+        """
+        moved = record.q if record.q_ref is None else record.q_ref
+        bands = [_BAND * band_hz(x, record.dt) for x in moved.T]
+        usual = self.pipeline(record)
+        cutoffs = [
+            min(band, p.cutoff_hz or band) for band, p in zip(bands, usual.joints, strict=True)
+        ]
+        return self.pipeline(record, cutoff_hz=cutoffs)
+
+
+def band_hz(q: Array, dt: float) -> float:
+    """Return the frequency below which 99 % of the acceleration's power of a motion lies, Hz."""
+    ddq = np.diff(q, 2) * np.hanning(len(q) - 2)
+    power = np.cumsum(np.abs(np.fft.rfft(ddq)) ** 2)
+    return float(np.searchsorted(power, 0.99 * power[-1]) + 1) / (len(ddq) * dt)
 
 
 def _unit(name: str) -> str:

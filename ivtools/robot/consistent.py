@@ -10,7 +10,8 @@ from .inertia import cvxpy, pseudo_inertia
 
 Array = NDArray[np.float64]
 
-LEAST = 1e-6  # least eigenvalue of a link's pseudo-inertia, in the units of its scale
+LEAST = 0.01  # of the prior: a link is not lighter than that, or nothing could be simulated
+_NOTHING = 1e-9  # of the largest parameter: the least eigenvalue of a link without a prior
 _PULL = 1e-6  # of the prior, where the estimate leaves a direction free
 
 
@@ -25,7 +26,8 @@ def nearest(
     """Return the standard parameters of links that can exist, nearest to base parameters.
 
     Minimises ``|metric (theta - matrix phi)|^2 + pull |phi - prior|^2``, scaled, so that every
-    link's pseudo-inertia has no negative eigenvalue: a semidefinite program.
+    link's pseudo-inertia has no negative eigenvalue, nor one below a hundredth of the prior's: a
+    semidefinite program.
 
     Parameters
     ----------
@@ -72,7 +74,8 @@ def nearest(
     rules = []
     for i in range(n):
         link = [phi[10 * i + k] for k in range(10)]
-        rules.append(pseudo_inertia(link) >> LEAST * _small(theta) * np.eye(4))
+        least = _floor(wanted[10 * i : 10 * (i + 1)]) + _NOTHING * np.abs(theta).max() * np.eye(4)
+        rules.append(pseudo_inertia(link) >> least)
     if lower is not None:
         bounded = np.flatnonzero(np.isfinite(lower))
         rules += [phi[10 * n + bounded] >= lower[bounded]] if len(bounded) else []
@@ -84,6 +87,12 @@ def nearest(
     if phi.value is None:
         raise EstimationError(f"no consistent parameters were found: {task.status}")
     return np.asarray(phi.value, dtype=float)
+
+
+def _floor(link: Array) -> Array:
+    """Return the least pseudo-inertia of a link, (4, 4): a share of its prior's possible part."""
+    values, vectors = np.linalg.eigh(pseudo_inertia(link.tolist()))
+    return np.asarray(LEAST * (vectors * np.maximum(values, 0.0)) @ vectors.T, dtype=float)
 
 
 def _small(theta: Array) -> float:

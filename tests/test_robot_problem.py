@@ -1,0 +1,128 @@
+"""Robots are identified by the estimators of one axis."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import one_joint, plan, reference, six_loop, two_axes, two_joints
+
+import ivtools as iv
+from ivtools.errors import EstimationError, ShapeError
+from ivtools.pipelines import Pipelines
+from ivtools.robot.consistent import possible
+
+
+def measured(loop, seconds=10.0, noise=0.0, seed=0, n=6):
+    """A record of a loop, with encoder noise (rad) and 1 % noise of the torques with it."""
+    rng = np.random.default_rng(seed)
+    t, q_ref = reference(seconds, n=n, seed=seed)
+    shaken = noise * rng.standard_normal(q_ref.shape)
+    sim = loop.simulate(plan(t, q_ref), initial="rest", position_noise=shaken)
+    tau = sim.tau + (0.01 if noise else 0.0) * sim.tau.std(axis=0) * rng.standard_normal(
+        q_ref.shape
+    )
+    return iv.Record(t, q=sim.q, q_ref=q_ref, nu=sim.nu, tau=tau)
+
+
+def diagonal(loop, theta, record):
+    """The mean diagonal of the mass matrix over a record."""
+    return loop.mass_matrix(record.q[::200], theta).diagonal(axis1=1, axis2=2).mean(axis=0)
+
+
+@pytest.fixture(scope="module")
+def clean():
+    loop = six_loop()
+    return iv.Problem(measured(loop), loop)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    loop = six_loop()
+    return iv.Problem(measured(loop, 20.0, 2e-4), loop)
+
+
+@pytest.mark.parametrize("estimator", [iv.IDIMLS(), iv.IDIMWLS(), iv.IDIMIV(), iv.DIDIM()])
+def test_a_record_without_noise_gives_the_truth(clean, estimator):
+    fit = estimator.fit(clean)
+    truth = clean.loop.values()
+    assert fit.converged
+    found = diagonal(clean.loop, truth | dict(fit.params), clean.record)
+    np.testing.assert_allclose(found, diagonal(clean.loop, truth, clean.record), rtol=0.01)
+    assert fit.relative_error < 0.5
+
+
+def test_instruments_remove_the_bias_of_least_squares(noisy):
+    truth = noisy.loop.values()
+    true = diagonal(noisy.loop, truth, noisy.record)
+    ls, ivr = iv.IDIMLS().fit(noisy), iv.IDIMIV().fit(noisy)
+    biased = diagonal(noisy.loop, truth | dict(ls.params), noisy.record) / true - 1.0
+    right = diagonal(noisy.loop, truth | dict(ivr.params), noisy.record) / true - 1.0
+    assert ivr.converged
+    assert np.abs(biased).max() > 0.2 and np.abs(right).max() < 0.03
+
+
+def test_one_joint_has_the_rows_of_one_axis():
+    twin, loop = iv.datasets.twin(), iv.axes.emps()
+    start = {k: v for k, v in loop.start.items() if k != "inertia"}
+    own = replace(loop, terms=loop.terms[1:], start=start)
+    robot = iv.RobotLoop(one_joint(95.0), [own])
+    one = iv.Problem(twin, loop)
+    many = iv.Problem(twin, robot, pipeline=Pipelines((one.pipeline,)))
+    np.testing.assert_allclose(many.X, one.X, atol=1e-12)
+    np.testing.assert_array_equal(many.y, one.y)
+    np.testing.assert_array_equal(many.t, one.t)
+    a, b = (iv.IDIMIV(start="ls").fit(problem).params.to_numpy() for problem in (one, many))
+    np.testing.assert_allclose(b, a, rtol=1e-4)
+
+
+def test_rows_say_their_joint_and_masks_are_each_joints_own(clean):
+    joints = clean.row_joints
+    counts = np.bincount(joints)
+    assert len(joints) == len(clean.y) == counts.sum() and len(set(counts)) > 1
+    elbow = clean.names.index("joint_3.viscous")
+    assert not clean.X[joints != 2, elbow].any()
+
+
+def test_a_load_is_subtracted_from_the_force():
+    loop = iv.RobotLoop(two_joints(), two_axes())
+    record = measured(loop, n=2)
+    load = np.column_stack([0.5 * np.sin(2.0 * record.t), 0.2 * np.cos(record.t)])
+    pushed = loop.simulate(record.replace(load=load), initial="rest")
+    heavy = record.replace(q=pushed.q, nu=pushed.nu, tau=pushed.tau, load=load)
+    truth = loop.values()
+    fit = iv.IDIMLS().fit(iv.Problem(heavy, loop))
+    ignored = iv.IDIMLS().fit(iv.Problem(heavy.replace(load=None), loop))
+    assert fit.relative_error < 0.5 < 5.0 < ignored.relative_error
+    assert fit.params["ZZ2"] == pytest.approx(truth["ZZ2"], rel=0.02)
+
+
+def test_an_impossible_estimate_is_simulated_at_the_nearest_robot_that_can_exist(clean):
+    loop, values = clean.loop, clean.loop.values()
+    wrong = values | {"ZZ6": -1.0, "joint_6.inertia": 0.0, "joint_5.viscous": -3.0}
+    found = loop.possible(wrong, clean.record, lambda: clean.X)
+    assert found["joint_5.viscous"] >= 0.0
+    assert loop.felt_inertias(clean.record, found).min() > 0.0
+    loop.simulate(clean.record, found)  # no matrix is indefinite, be the loop stable or not
+    phi = loop.consistent(wrong, clean.X)
+    assert possible(phi[:60].reshape(-1, 10), 1e-6)
+
+
+def test_a_joint_is_an_axis_with_a_record_of_its_own(clean):
+    record, loop = clean.record.joint(2), clean.loop.axis(2, clean.record)
+    assert record.n_joints == 1 and record.name.endswith("joint 3")
+    assert loop.joint == "revolute" and loop.start["coulomb"] == 5.0
+    sim = clean.loop.simulate(clean.record)
+    errors = sim.joint(2, clean.record).relative_error(record)
+    assert errors["position"] < 0.5
+
+
+def test_methods_of_one_axis_say_so(clean):
+    with pytest.raises(EstimationError, match="idim-piv is for one axis; robots .* idim-iv"):
+        iv.IDIMPIV().fit(clean)
+
+
+def test_fewer_columns_than_joints_are_refused(clean):
+    with pytest.raises(ShapeError, match="has 1 joints and the loop 6"):
+        iv.Problem(clean.record.joint(0), clean.loop)
+    with pytest.raises(ShapeError, match="count from 0"):
+        clean.record.joint(6)
