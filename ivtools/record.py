@@ -120,6 +120,13 @@ class Record:
         for doubt in doubts:
             warnings.warn(f"{self.name}: {doubt}", RecordWarning, stacklevel=3)
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a pickled or copied record: its arrays are read-only again."""
+        self.__dict__.update(state)
+        for array in (*state.values(), *state["extra"].values()):
+            if isinstance(array, np.ndarray):
+                array.flags.writeable = False
+
     # -- what it is -----------------------------------------------------------------------------
     @property
     def n_samples(self) -> int:

@@ -453,3 +453,16 @@ def test_what_makes_no_sense_is_refused(call, message):
 
 def test_every_effect_of_the_table_has_a_size_here():
     assert SIZES.keys() == EFFECTS.keys()
+
+
+def test_equal_terms_with_other_laws_are_other_laws(twin):
+    """A law that was edited in a notebook counts, though nothing else of its term has changed."""
+
+    def moved(factor):
+        law = eval(f"lambda q, dq, ddq, sign, tau, t, a: {factor} * a * dq")
+        own = Term("mine", "mechanics", (Parameter("a", "{F}"),), "", "", law=law)
+        loop = axes.emps()
+        theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0, "mine.a": 5.0}
+        return loop.with_terms(*loop.terms, own).simulate(twin.slice(0, 3000), theta).nu
+
+    assert not np.array_equal(moved(1.0), moved(30.0))

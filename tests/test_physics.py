@@ -1,5 +1,8 @@
 """One physical effect, one place: columns, force and table agree."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -115,3 +118,15 @@ def test_contacts_push_and_never_pull():
         margin = contact_margin(stretch, rate, side, k, c, gap)
         assert margin >= 0.0
         assert contact(stretch, rate, k, c, 0.0) != 0.0  # joined for good
+
+
+@pytest.mark.parametrize("term", TERMS.values(), ids=lambda term: term.name)
+def test_a_term_of_ours_is_itself_after_pickling(term):
+    assert pickle.loads(pickle.dumps(term)) is term and copy.deepcopy(term) is term
+
+
+def test_a_term_of_the_user_s_own_takes_its_law_along():
+    law = eval("lambda q, dq, ddq, sign, tau, t, a: 3.0 * a * dq")
+    own = Term("mine", "mechanics", (Parameter("a", "{F}"),), "3 a dq", "nobody", law=law)
+    sent = pickle.loads(pickle.dumps(own))
+    assert sent == own and sent.law(0.0, 2.0, 0.0, 1.0, 0.0, 0.0, 5.0) == 30.0

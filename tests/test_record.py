@@ -1,3 +1,4 @@
+import copy
 import pickle
 
 import numpy as np
@@ -284,3 +285,11 @@ def test_further_columns_are_kept_as_they_are(tmp_path):
         record.replace(extra={"strain": [1.0, 2.0, 3.0]})
     with pytest.raises(RecordError, match="strain is NaN at row 5"):
         record.replace(extra={"strain": np.where(np.arange(300) == 5, np.nan, t)})
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r))])
+def test_a_copied_record_stays_read_only(table, copied):
+    record = copied(Record(**table(), extra={"gauge": np.arange(300.0)}))
+    for array in (record.t, record.q, record.nu, record.extra["gauge"]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0

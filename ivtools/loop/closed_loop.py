@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 from numpy.typing import ArrayLike
 
 from ..errors import AxisError, RecordError
-from ..physics import TERMS, Term, find
+from ..physics import Term, find
 from ..pipeline import Pipeline
 from ..record import Record
 from ..record_format import RecordFormat
@@ -108,9 +108,7 @@ class ClosedLoop(Model):
                 raise AxisError(f"[pipeline] has no {key!r}; it has {', '.join(known_rows)}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        state = [getattr(self, f.name) for f in fields(self) if f.name != "terms"]
-        terms = tuple(t.name if TERMS.get(t.name) is t else t for t in self.terms)
-        return _restored, (terms, *state)
+        return ClosedLoop, tuple(getattr(self, f.name) for f in fields(self))  # nothing cached
 
     @classmethod
     def from_file(cls, path: str | Path) -> ClosedLoop:
@@ -457,9 +455,3 @@ class ClosedLoop(Model):
 _IDENTIFIED: WeakKeyDictionary[Record, dict[tuple[float, float], ControllerFit]] = (
     WeakKeyDictionary()
 )
-
-
-def _restored(terms: tuple[Term | str, ...], *state: Any) -> ClosedLoop:
-    """Return a pickled loop: its known terms came by name, as the engine knows them by identity."""
-    names = [f.name for f in fields(ClosedLoop) if f.name != "terms"]
-    return ClosedLoop(terms=terms, **dict(zip(names, state, strict=True)))  # type: ignore[arg-type]

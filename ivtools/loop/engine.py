@@ -82,11 +82,12 @@ def plant(
     on["beyond"] = on["laws"] or on["own"] or on["presliding"]
     timed = general or loop.delay > 0.0 or on["drive-timing"]
     on["effects"] = timed or on["two"] or on["sign"] or on["beyond"]
-    return Plant(p, on, _compile(mine) if mine else mechanics.no_law)
+    return Plant(p, on, _compile(mine, tuple(t.law for t in mine)) if mine else mechanics.no_law)
 
 
 @lru_cache(maxsize=16)
-def _compile(terms: tuple[Term, ...]) -> Callable[..., float]:
+def _compile(terms: tuple[Term, ...], laws: tuple[Any, ...]) -> Callable[..., float]:
+    """Compile own laws once; terms that differ in their laws only are equal."""
     for term in terms:
         if term.law is None:
             raise AxisError(f"{term.name} has no law; a term of your own needs one to be simulated")

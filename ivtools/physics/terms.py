@@ -13,9 +13,9 @@ kernel knows them by name and calls the function that stands beside their term.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from math import inf
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -138,6 +138,16 @@ class Term:
     weight: Weight | None = field(default=None, compare=False)
     as_force: Law | None = field(default=None, compare=False)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle a term of ours as its name, and one of the user's with its functions' code."""
+        import cloudpickle
+
+        from . import TERMS
+
+        if TERMS.get(self.name) is self:
+            return _ours, (self.name,)
+        return _unpacked, (cloudpickle.dumps([getattr(self, f.name) for f in fields(self)]),)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Full names of the parameters, unique across terms."""
@@ -214,3 +224,17 @@ class Term:
             unit = [*rest[:i], 1.0, *rest[i + 1 :]]
             out[:, column] = self.force(q, dq, ddq, unit, tau, t)
         return out
+
+
+def _ours(name: str) -> Term:
+    """Return a term by name: what knows it by identity still does after pickling."""
+    from . import TERMS
+
+    return TERMS[name]
+
+
+def _unpacked(state: bytes) -> Term:
+    """Return a pickled term of the user's."""
+    import pickle
+
+    return Term(*pickle.loads(state))
