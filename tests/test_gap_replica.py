@@ -58,7 +58,7 @@ def test_what_only_one_side_can_show_is_said():
         limit = None
 
         def __init__(self, **mismatch):
-            self.mismatch = mismatch
+            self.found = mismatch
 
     found = compared("controller-mismatch", {}, {}, (Side(), Side(added=0.015)))
     assert found.replicates is None

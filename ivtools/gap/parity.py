@@ -13,9 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import IVToolsError
 from ..loop import ClosedLoop, Controller
 from ..loop.controllers import Seen
 from ..loop.controllers.law import clipped
+from ..loop.identification import ControllerFit
 from ..record import Record
 from .rules import (
     AT_LIMIT,
@@ -27,11 +29,15 @@ from .rules import (
     GAIN_NEEDED,
     GAIN_RANGE,
     GAIN_T,
+    LAW_BETTER,
     LAW_ERROR,
+    LAW_R2,
     LIMIT_SAMPLES,
     MAX_DELAY,
+    NOISY_GAIN,
     PARITY_BLOCKS,
     PARITY_HEAD,
+    PARITY_POOR,
 )
 
 Array = NDArray[np.float64]
@@ -57,6 +63,13 @@ class Parity:
         A limit of the command below the declared one.
     clipped : float
         Share of the samples in which the command sits at its limit.
+    read : ControllerFit or None
+        The law that the record shows, looked for where the declared one, its settings put right,
+        leaves more than `PARITY_POOR`.
+    taken : bool
+        Whether it is taken instead: it explains the command, and much better.
+    declared : Controller or None
+        The controller of the axis file.
     """
 
     loop: ClosedLoop
@@ -67,11 +80,28 @@ class Parity:
     tvalues: dict[str, float]
     limit: float | None
     clipped: float
+    read: ControllerFit | None = None
+    taken: bool = False
+    declared: Controller | None = None
 
     @property
     def trustworthy(self) -> bool:
-        """Whether the law, as corrected, reproduces the command."""
-        return self.after < LAW_ERROR
+        """Whether the law, as corrected or read from the record, reproduces the command."""
+        return self.after < LAW_ERROR or self.taken
+
+    @property
+    def found(self) -> dict[str, float]:
+        """What the axis file has not: relative errors, feed-forwards, or another law's gains."""
+        if not (self.taken and self.declared):
+            return self.mismatch
+        law = self.loop.controller
+        fed = {f"feedforward.{k}": v for k, v in law.feedforward.items()}
+        fed |= {f"feedback.{k}": v for k, v in law.feedback.items()}
+        if law.kind == self.declared.kind:
+            known = {*self.declared.mismatches}
+            return {**self.mismatch, **{k: v for k, v in fed.items() if k not in known}}
+        own = {f"law.{k}": float(v) for k, v in law.settings.items() if np.ndim(v) == 0}
+        return own | fed
 
 
 def check(record: Record, loop: ClosedLoop) -> Parity:
@@ -97,7 +127,7 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
     controller = _corrected(loop.controller, delay, kept, limit)
     error = signals.error(controller, delay, kept.get("added", 0.0))
     size = np.linalg.norm(signals.command[PARITY_HEAD:])
-    return Parity(
+    found = Parity(
         loop=replace(loop, controller=controller),
         before=float(np.linalg.norm(declared[PARITY_HEAD:]) / size),
         after=float(np.linalg.norm(error[PARITY_HEAD:]) / size),
@@ -106,7 +136,49 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
         tvalues={name: tvalues[name] for name in kept},
         limit=limit,
         clipped=float(np.mean(at_limit)),
+        declared=loop.controller,
     )
+    return _read(found, signals, record, loop) if found.after > PARITY_POOR else found
+
+
+def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> Parity:
+    """Return the parity with the law that the record shows, if that explains more."""
+    try:
+        fit = loop.identify_controller(record)[1]
+    except IVToolsError:
+        return found
+    limit = loop.controller.limit if found.limit is None else found.limit
+    law = replace(fit.controller, limit=limit)
+    error = signals.error(law, law.delay, 0.0)[PARITY_HEAD:]
+    after = float(np.linalg.norm(error) / np.linalg.norm(signals.command[PARITY_HEAD:]))
+    left = 1.0 - fit.r2 if fit.low_pass else after**2
+    better = left < LAW_BETTER * found.after**2
+    if not better or fit.r2 < LAW_R2:
+        return replace(found, read=fit)
+    same = law.kind == loop.controller.kind
+    mismatch = _differences(loop.controller, law, fit) if same else {}
+    return replace(
+        found,
+        loop=replace(loop, controller=law),
+        after=after,
+        delay=law.delay,
+        mismatch=mismatch,
+        tvalues=dict.fromkeys(mismatch, np.inf),
+        read=fit,
+        taken=True,
+    )
+
+
+def _differences(declared: Controller, law: Controller, fit: ControllerFit) -> dict[str, float]:
+    """Return relative errors of the settings that two laws of a kind have in common."""
+    least = NOISY_GAIN if fit.low_pass else GAIN_ERROR
+    pairs = {
+        k: (float(declared.full[k]), float(law.full[k]))
+        for k in declared.mismatches
+        if k in declared.full and k in law.full
+    }
+    found = {k: new / old - 1.0 for k, (old, new) in pairs.items() if old}
+    return {k: v for k, v in found.items() if abs(v) > least}
 
 
 def effects(
@@ -118,12 +190,12 @@ def effects(
     if limits:
         effects.append("saturation")
         values["saturation"] = {"limit": float(np.mean(limits))}
-    names = {n for p in checked for n in p.mismatch}
+    found = [p.found for p in checked]
+    names = {n for values in found for n in values}
     if names:
         effects.append("controller-mismatch")
         values["controller-mismatch"] = {
-            n: float(np.mean([p.mismatch[n] for p in checked if n in p.mismatch]))
-            for n in sorted(names)
+            n: float(np.mean([values[n] for values in found if n in values])) for n in sorted(names)
         }
     return effects, values
 

@@ -6,7 +6,7 @@ and with what it looks like: a unit, another control law, another axis.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,6 @@ from .parity import Parity, Signals
 from .rules import (
     ABSURD,
     ALONG,
-    FITTED_LAW,
     FOLLOWS,
     GROSS_GAIN,
     INERTIA_RANGE,
@@ -39,8 +38,8 @@ from .rules import (
     SAME_AXIS,
     SAME_RECORD,
     SATURATED,
-    SCALED_LAW,
     UNIT_NEAR,
+    UNIT_R2,
     WRONG_UNIT,
 )
 
@@ -193,30 +192,57 @@ def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]
 
 
 def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
+    """Say which law the record shows; only a unit, a sign, or a command without law is fatal."""
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > GROSS_GAIN}
-    if parity.trustworthy and not gross:
+    if parity.trustworthy and not gross and not parity.taken:
         return []
-    other = shown_law(record, loop) if gross else None
-    if other is not None and other.kind != loop.controller.kind:
-        text = f"the record shows {described(other)}; the axis file says kind "
-        return [Finding(f"{text}{loop.controller.kind}: correct [controller]")]
-    if gross and parity.trustworthy:
-        settings = loop.controller.settings
-        text = ", ".join(
-            f"{n} {100 * v:+.0f} %"
-            + (f": {(1 + v) * settings[n]:.4g}, not {settings[n]:.4g}" if n in settings else "")
-            for n, v in gross.items()
-        )
-        return [
-            Finding(
-                f"the record shows other controller settings than the axis file ({text}); "
-                f"correct [controller] and diagnose again{_shown(other)}"
-            )
-        ]
-    doubts = checks.doubts(record)
-    if doubts:
-        return [Finding("; ".join(doubts))]
-    return [Finding(explain_command(record, loop, parity.delay, parity.after))]
+    unit = "; ".join(checks.doubts(record)) or _unit(record, loop, parity)
+    if unit:
+        return [Finding(unit)]
+    on = "the diagnosis goes on with the record's; correct [controller]"
+    if parity.taken and parity.loop.controller.kind != loop.controller.kind:
+        text = f"the record shows {described(parity.loop.controller)}; the axis file says kind "
+        return [Finding(f"{text}{loop.controller.kind}: {on}{_remains(parity)}", fatal=False)]
+    if parity.trustworthy:
+        text = _changes(loop.controller, {k: v for k, v in parity.mismatch.items() if k != "added"})
+        text = f" ({text})" if text else f" ({described(parity.loop.controller)})"
+        text = f"the record shows other controller settings than the axis file{text}; {on}"
+        return [Finding(f"{text}{_remains(parity)}", fatal=False)]
+    return [Finding(explain_command(parity))]
+
+
+def _changes(controller: Controller, mismatch: Mapping[str, float]) -> str:
+    settings = controller.settings
+    return ", ".join(
+        f"{n} {100 * v:+.0f} %"
+        + (f": {(1 + v) * settings[n]:.4g}, not {settings[n]:.4g}" if n in settings else "")
+        for n, v in mismatch.items()
+    )
+
+
+def _remains(parity: Parity) -> str:
+    return "".join(f"; {text}" for text in parity.read.remains) if parity.read else ""
+
+
+def _unit(record: Record, loop: ClosedLoop, parity: Parity) -> str:
+    """Say which unit or sign the command has, if it is the declared law times a factor."""
+    factor, rest = _factor(record, loop, parity.delay)
+    if rest**2 > 1.0 - UNIT_R2:
+        return ""
+    if factor < 0.0:
+        text = "the recorded command has the opposite sign of what the controller gives"
+        return f"{text}; check the sign of nu, or of q and q_ref"
+    guess = looks_like(factor, loop.joint, "q and q_ref") if factor < 1.0 else ""
+    if abs(factor / 1000.0 - 1.0) < UNIT_NEAR:
+        guess = "as if nu were in mV; give V"
+    absurd = not 1.0 / ABSURD < factor < ABSURD
+    if not guess and not absurd:
+        return ""
+    guess = f"{guess}, else " if guess else ""
+    return (
+        f"the recorded command is {factor:.3g} times what the controller gives for the recorded "
+        f"position: {guess}check the units of q, q_ref and nu, and the gains in [controller]"
+    )
 
 
 def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
@@ -325,38 +351,17 @@ def looks_like(factor: float, joint: str, signal: str) -> str:
     return ""
 
 
-def explain_command(record: Record, loop: ClosedLoop, delay: int, left: float) -> str:
-    """Say how the recorded command differs from that of the control law.
-
-    Parameters
-    ----------
-    record : Record
-    loop : ClosedLoop
-        Its controller does not reproduce the command.
-    delay : int
-        Samples from the position to the command.
-    left : float
-        Error of the law, relative.
-    """
-    factor, rest = _factor(record, loop, delay)
-    found = _shown(shown_law(record, loop))
-    if rest > SCALED_LAW:
-        return (
-            f"the control law reproduces the recorded command only to {100 * left:.0f} %; check "
-            "kind, gains and velocity_filter in [controller], and that q, q_ref and nu belong "
-            f"together{found}"
-        )
-    if factor < 0.0:
-        text = "the recorded command has the opposite sign of what the controller gives"
-        return f"{text}; check the sign of nu, or of q and q_ref"
-    text = f"the recorded command is {factor:.3g} times what the controller gives for the recorded"
-    guess = looks_like(factor, loop.joint, "q and q_ref") if factor < 1.0 else ""
-    if abs(factor / 1000.0 - 1.0) < UNIT_NEAR:
-        guess = "as if nu were in mV; give V"
-    guess = f"{guess}, else " if guess else ""
+def explain_command(parity: Parity) -> str:
+    """Say that no law gives the recorded command, and which were tried."""
+    tried = ""
+    if parity.read is not None:
+        best = sorted(parity.read.kinds.items(), key=lambda kind: -kind[1])
+        listed = ", ".join(f"{kind} {r2:.2f}" for kind, r2 in best)
+        tried = f"; no kind of law explains it either, R2: {listed}{_remains(parity)}"
     return (
-        f"{text} position: {guess}check the units of q, q_ref and nu, and the gains in "
-        f"[controller]{found}"
+        f"the control law reproduces the recorded command only to {100 * parity.after:.0f} %; "
+        "check kind, gains and velocity_filter in [controller], and that q, q_ref and nu belong "
+        f"together{tried}"
     )
 
 
@@ -372,20 +377,6 @@ def _factor(record: Record, loop: ClosedLoop, delay: int) -> tuple[float, float]
     whole = max(float(np.linalg.norm(nu)), 1e-300)
     weights = np.linalg.lstsq(X / size, nu, rcond=None)[0] / size
     return float(weights[0]), float(np.linalg.norm(nu - X @ weights)) / whole
-
-
-def shown_law(record: Record, loop: ClosedLoop) -> Controller | None:
-    """Return the controller that the record shows; None if no law fits."""
-    try:
-        fit = loop.identify_controller(record)[1]
-    except IVToolsError:
-        return None
-    return fit.controller if fit.residual <= FITTED_LAW else None
-
-
-def _shown(found: Controller | None) -> str:
-    """Say which law the record shows; nothing if none fits."""
-    return "" if found is None else f" (the record shows {described(found)})"
 
 
 def described(controller: Controller) -> str:

@@ -38,6 +38,17 @@ GAIN_EXPLAINS = 0.2
 GAIN_NEEDED = 1.02
 #: Relative parity error from which a law does not reproduce the command (training).
 LAW_ERROR = 0.2
+#: Relative parity error from which the record is asked for its own law (physics: a digital law
+#: repeats to rounding, and to 0.3 % where log and controller sample apart).
+PARITY_POOR = 0.02
+#: Power that the record's own law may leave, of that of the declared one (training).
+LAW_BETTER = 0.5
+#: R2 below which no law is taken (issue 12: it explains the command, or nothing is said).
+LAW_R2 = 0.9
+#: Error of a gain worth a name where noise of the log hides the law (training).
+NOISY_GAIN = 0.05
+#: R2 from which a law times a factor is this law in another unit (issue 12, point 6e).
+UNIT_R2 = 0.98
 #: Relative errors of gains between which the parity fit searches (physics).
 GAIN_RANGE = (-0.95, 9.0)
 #: Blocks of the covariance of the parity fit (theory: enough for a t value of 8).
@@ -67,10 +78,6 @@ SATURATED = 0.2
 OPEN_LOOP = 0.9
 #: How near a factor must come to that of a unit, relative (physics).
 UNIT_NEAR = 0.2
-#: Relative error of a law, once multiplied by a factor, that still is this law (training).
-SCALED_LAW = 0.3
-#: Error, %, below which a law fitted to the record is the right one (training).
-FITTED_LAW = 5.0
 #: Ratio of recorded and expected command that is absurd (physics: gains stay below).
 ABSURD = 20.0
 #: Correlation of recorded and expected command that speaks of a wrong sign (theory).

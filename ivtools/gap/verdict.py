@@ -338,8 +338,8 @@ def _controller(
     if effect == "saturation":
         values: dict[str, Pair] = {"limit": (checked[0].limit, checked[1].limit)}
     else:
-        names = sorted({n for p in checked for n in p.mismatch})
-        values = {n: (checked[0].mismatch.get(n), checked[1].mismatch.get(n)) for n in names}
+        one, two = (p.found for p in checked)
+        values = {n: (one.get(n), two.get(n)) for n in sorted({*one, *two})}
     both = np.array(
         [[float(v) for v in p if v is not None] for p in values.values() if None not in p]
     )
