@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ivtools.download import download, unpacked
 from ivtools.errors import DataError
 from ivtools.record import Record
 from ivtools.record_format import RecordFormat
@@ -97,7 +98,7 @@ def load(
 
 def _registered_record(data_set: DataSet, data: str | Path | None) -> Record:
     """Return the record of a registered data set, from its owners' files."""
-    main, *beside = paths(data_set.name, data)
+    main, *beside = _own(data_set.name, data)
     if not data_set.reader:
         return Record.read(main, trusted=True).replace(name=data_set.name)
     from ivtools.measured import READERS
@@ -111,15 +112,29 @@ def paths(name: str, data: str | Path | None = None) -> tuple[Path, ...]:
     return found if found is not None else _fetched(name)
 
 
+def _own(name: str, data: str | Path | None) -> tuple[Path, ...]:
+    """Return every verified file of a data set; a folder that was named must hold them."""
+    found = _found(name, data)
+    folder = None if data is None else Path(data).expanduser().resolve()
+    if folder is None or (found and all(folder in file.resolve().parents for file in found)):
+        return found or _fetched(name)
+    held = ", ".join(_registered(name).files)
+    raise DataError(
+        f"--data names {data}, which holds no {held}; name its folder, or leave --data out to use "
+        f"{found[0].parent if found else 'the cache or a download'}"
+    )
+
+
 def path(name: str, data: str | Path | None = None) -> Path:
     """Return the verified file of a data set, downloading it if it is nowhere.
 
     Raises
     ------
     DataError
-        The file is not there and cannot be downloaded, or it is not the right one.
+        The file is not there and cannot be downloaded, it is not the right one, or ``data`` names
+        a folder that does not hold it.
     """
-    return paths(name, data)[0]
+    return _own(name, data)[0]
 
 
 def find(name: str, data: str | Path | None = None) -> Path | None:
@@ -174,7 +189,7 @@ def _fetched(name: str, url: str | None = None) -> tuple[Path, ...]:
     try:
         cache.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=cache, prefix="download-") as folder:
-            archive = _download(url, Path(folder))
+            archive = download(url, Path(folder) / "archive.zip")
             parts = [_extract(archive, file, sha) for file, sha in data_set.files.items()]
             checked = [_verified(part, data_set, url) for part in parts]
             return tuple(part.replace(file) for part, file in zip(checked, files, strict=True))
@@ -276,14 +291,19 @@ def _folders(data: str | Path | None) -> Iterator[Path]:
     named = {"--data": data, FOLDER_VARIABLE: os.environ.get(FOLDER_VARIABLE)}
     for source, folder in named.items():
         if folder:
-            if not Path(folder).expanduser().is_dir():
+            try:
+                place = Path(folder).expanduser()
+                there = place.is_dir()
+            except (OSError, RuntimeError, ValueError):  # an unknown ~user, a name too long
+                there = False
+            if not there:
                 raise DataError(f"{source} names {folder}, which is no folder; mend or unset it")
-            yield Path(folder).expanduser()
+            yield place
     yield _cache()
 
 
 def _verified(file: Path, data_set: DataSet, source: str | None = None) -> Path:
-    found, expected = _sha256(file.read_bytes()), data_set.files[file.name]
+    found, expected = _sha256(file), data_set.files[file.name]
     if found == expected:
         return file
     remedy = "try again or get it from" if source else "delete it and fetch it again, or see"
@@ -293,22 +313,9 @@ def _verified(file: Path, data_set: DataSet, source: str | None = None) -> Path:
     )
 
 
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
-def _download(url: str, folder: Path) -> Path:
-    """Download an archive whose checksum is not known; its members are checked instead."""
-    import pooch
-
-    pooch.get_logger().setLevel("WARNING")
-    downloader = pooch.HTTPDownloader(timeout=30)
-    try:
-        return Path(
-            pooch.retrieve(url, None, fname="archive.zip", path=folder, downloader=downloader)
-        )
-    except ValueError as error:  # an address that is none
-        raise OSError(str(error)) from error
+def _sha256(file: Path) -> str:
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def _reason(error: BaseException) -> str:
@@ -319,17 +326,8 @@ def _reason(error: BaseException) -> str:
 
 
 def _extract(archive: Path, filename: str, sha256: str) -> Path:
-    """Extract one member, in whatever folder of the archive it lies.
-
-    Owners rename their files: one of another name that has the checksum will do.
-    """
+    """Extract one file of an archive, by its name or its checksum."""
     file = archive.with_name(filename)
-    with zipfile.ZipFile(archive) as content:
-        akin = [m for m in content.infolist() if Path(m.filename).suffix == file.suffix]
-        named = [m for m in akin if Path(m.filename).name == filename]
-        for member in named or akin:
-            data = content.read(member)
-            if named or _sha256(data) == sha256:
-                file.write_bytes(data)
-                return file
+    if unpacked(archive, file, lambda found: _sha256(found) == sha256):
+        return file
     raise OSError(f"the archive holds no {filename}")

@@ -1,9 +1,12 @@
 """Finding, downloading and checking data sets, against a web server of our own."""
 
+import contextlib
 import hashlib
 import http.server
 import io
+import socket
 import threading
+import time
 import zipfile
 from pathlib import Path
 
@@ -11,7 +14,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from ivtools import axes, datasets
+from ivtools import axes, datasets, download
 from ivtools.errors import DataError
 
 
@@ -120,6 +123,56 @@ def test_a_failed_download_leaves_nothing_behind(cache, serve, answer, message):
         datasets.load("small")
     assert "\n" not in str(caught.value)
     assert left_in(cache) == []
+
+
+@pytest.mark.parametrize("kind", ["endless", "a byte at a time", "endless header", "silent"])
+def test_a_download_that_does_not_end_is_given_up(cache, monkeypatch, kind):
+    monkeypatch.setattr(download, "PATIENCE", 1.0)
+    monkeypatch.setattr(download, "SILENCE", 1.0)
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    listener = socket.create_server(("127.0.0.1", 0))
+    done = threading.Event()
+
+    def answer() -> None:
+        peer, _ = listener.accept()
+        head = b"HTTP/1.1 200 OK\r\n"
+        sent = {"endless": 100_000 * b"x", "silent": b""}.get(kind, b"x")
+        size = b"Content-Length: 1000000\r\n" if kind == "a byte at a time" else b""
+        with peer, contextlib.suppress(OSError):
+            peer.sendall(head + (b"" if kind == "endless header" else size + b"\r\n"))
+            while not done.wait(0.02):
+                peer.sendall(sent)
+
+    threading.Thread(target=answer, daemon=True).start()
+    monkeypatch.setenv(datasets.MIRROR_VARIABLE, f"http://127.0.0.1:{listener.getsockname()[1]}/a")
+    start = time.monotonic()
+    with pytest.raises(DataError, match="cannot be downloaded from"):
+        datasets.fetch("small")
+    assert time.monotonic() - start < 8.0
+    done.set()
+    listener.close()
+    assert left_in(cache) == []
+
+
+def test_an_archive_that_unpacks_to_too_much_is_given_up(cache, serve, monkeypatch):
+    monkeypatch.setattr(download, "LARGEST", 1_000_000)
+    serve(zipped(SMALL=bytes(3_000_000)))
+    with pytest.raises(DataError, match="unpacks to more than 1 MB"):
+        datasets.fetch("small")
+    assert left_in(cache) == []
+
+
+def test_a_folder_that_is_named_and_lacks_the_file_is_not_passed_over(
+    cache, content, tmp_path, monkeypatch
+):
+    for name in ("empty", "variable"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "variable" / "SMALL.mat").write_bytes(content)
+    monkeypatch.setenv(datasets.FOLDER_VARIABLE, str(tmp_path / "variable"))
+    with pytest.raises(DataError, match="--data names .*empty, which holds no SMALL.mat") as caught:
+        datasets.load("small", tmp_path / "empty")
+    assert str(tmp_path / "variable") in str(caught.value)
+    assert datasets.load("small", tmp_path / "variable").n_samples == 300
 
 
 @pytest.mark.parametrize("address", ["http://127.0.0.1:9/EMPS.zip", "http://[", "no-address"])
