@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from ..tables import Text, table
 from ..units import quantity
+from .against import changes_table
 from .verdict import VERDICTS
 
 if TYPE_CHECKING:
-    from ..report import Page
+    from ..report import Card, Page
     from .diagnosis import Diagnosis
     from .quantify import Shrink
 
+_NEXT = 4  # lines of advice on the card
+_TONES: dict[str, Literal["good", "doubt", "bad"]] = {
+    "adequate": "good",
+    "explained": "good",
+    "unexplained": "bad",
+}
+_RECORD = (
+    "Force measured and simulated before and after, their error, position and velocity; shaded: what "
+    "stands out once and does not come again."
+)
 _REPLICATES = {True: "yes", False: "no", None: "one side only"}
 
 
@@ -28,12 +39,16 @@ def page(diagnosis: Diagnosis) -> Page:
     from ..report import Page, Picture
 
     verdict = diagnosis.verdict
-    out = Page(f"Diagnosis of {diagnosis.name}", f"{verdict}: {VERDICTS[verdict]}.")
+    lead = f"{verdict}: {VERDICTS[verdict]}."
+    out = Page(f"Diagnosis of {diagnosis.name}", lead, _card(diagnosis))
     told = [_sentence(f.text) for f in diagnosis.findings]
     shown = [_named(diagnosis)] if diagnosis.replicas else []
+    if diagnosis.changes:
+        shown.append(changes_table(diagnosis.changes))
     out.add("The answer", *_gap(diagnosis), *told, tables=shown)
     if diagnosis.traces is None or diagnosis.shrink is None:
         return out
+    out.add("The record", figures=[figures.over_time(diagnosis, "record", _RECORD)])
     tables = {"where": [], "which": [_ranking(diagnosis)], "how-far": [_signals(diagnosis)]}
     titles = ("Where", "Which effect", "How far")
     beside = [f"{e} shows only once the other effects are in the model." for e in diagnosis.beside]
@@ -44,6 +59,40 @@ def page(diagnosis: Diagnosis) -> Page:
     if diagnosis.advice:
         out.add("Remarks and advice", *map(_sentence, diagnosis.advice))
     return out
+
+
+def _card(diagnosis: Diagnosis) -> Card:
+    """Return the answer in short: verdict, effects with their values, errors, what to do next."""
+    from ..report import Card
+
+    facts = [("Effects", text) for text in [_effects(diagnosis)] if text]
+    s = diagnosis.shrink
+    if s is not None:
+        after = f" → {quantity(s.after, s.unit, 3)}" if diagnosis.effects else ""
+        share = f"{s.of_force(s.before):.2g} %"
+        share += f" → {s.of_force(s.after):.2g} %" if diagnosis.effects else ""
+        facts += [
+            ("Force error, rms", f"{quantity(s.before, s.unit, 3)}{after}; {share} of the force"),
+            ("Floor", quantity(s.floor, s.unit, 3)),
+        ]
+    fatal = [f.text for f in diagnosis.findings if f.fatal]
+    lines = [*fatal, *diagnosis.advice][:_NEXT]
+    verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
+    if s is None:
+        verdict = "No answer: the record or the axis file must be looked at first."
+    tone = "bad" if s is None else _TONES.get(diagnosis.verdict, "doubt")
+    return Card(verdict, tuple(facts), tuple(map(_sentence, lines)), tone)
+
+
+def _effects(diagnosis: Diagnosis) -> str:
+    """Return the named effects with their values, and what each may also be."""
+    told = []
+    for effect in diagnosis.effects:
+        shown = next((r.short for r in diagnosis.replicas if r.effect == effect), "")
+        twins = ", ".join(diagnosis.ambiguous_with.get(effect, ()))
+        told.append(f"{effect} ({shown})" if shown else effect)
+        told[-1] += f", or {twins}" if twins else ""
+    return "; ".join(told)
 
 
 def _gap(diagnosis: Diagnosis) -> list[str]:
