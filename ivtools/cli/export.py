@@ -41,7 +41,7 @@ def mjcf(
 
     content = _read(diagnosis)
     loop = _diagnosed(closed_loop(model, joint, actuator), content)
-    theta, changes = _values(loop, content)
+    theta, changes = _values(content)
     made = export(model, joint, loop, theta, actuator=actuator, changes=changes)
     made.write(out)
     told = [f"{out}: {len(made.native)} terms, {', '.join(made.native)}"]
@@ -59,7 +59,7 @@ def urdf(
     """Write viscous and Coulomb friction into a URDF, which holds no more than that."""
     from ivtools.simulators.urdf_export import export
 
-    theta, changes = _values(None, _read(diagnosis))
+    theta, changes = _values(_read(diagnosis))
     xml, lost = export(model, joint, theta, changes)
     write(out, xml)
     show("\n".join([f"{out}: damping and friction of {joint}", *lost]))
@@ -134,12 +134,11 @@ def _diagnosed(loop: ClosedLoop, content: dict[str, Any]) -> ClosedLoop:
     return loop
 
 
-def _values(
-    loop: ClosedLoop | None, content: dict[str, Any]
-) -> tuple[dict[str, float], dict[str, float] | None]:
+def _values(content: dict[str, Any]) -> tuple[dict[str, float], dict[str, float] | None]:
     """Return values of the effects, and changes of the base parameters if a simulator was seen."""
     changes = content.get("changes")
     if not changes:
         return content["theta"], None
-    base = {name: c["change"] for name, c in changes.items() if "." not in name}
+    named = tuple(f"{effect}." for effect in content.get("effects", []))
+    base = {name: c["change"] for name, c in changes.items() if not name.startswith(named)}
     return {name: c["real"] - c["simulator"] for name, c in changes.items()}, base

@@ -280,7 +280,8 @@ class Diagnosis:
 
         if self.changes is None:
             return export(path, joint, self.loop, self.theta, actuator=actuator)
-        base = {name for term in self.loop.terms if term.base for name in term.names}
+        own = (term for term in self.loop.terms if term.name not in self.effects)
+        base = {name for term in own for name in term.names}
         changes = {name: c.change for name, c in self.changes.items() if name in base}
         linear = {name for name, p in self.loop.parameters.items() if p.linear}
         values = {  # too much of an effect is taken away: what it is linear in turns its sign

@@ -22,8 +22,8 @@ _TONES: dict[str, Literal["good", "doubt", "bad"]] = {
     "unexplained": "bad",
 }
 _RECORD = (
-    "Force measured and simulated before and after, their error, position and velocity; shaded: what "
-    "stands out once and does not come again."
+    "Force measured and simulated before and after, their error, position and velocity; shaded: "
+    "what stands out once and does not come again."
 )
 _REPLICATES = {True: "yes", False: "no", None: "one side only"}
 

@@ -115,29 +115,31 @@ class Chart:
 
     @cached_property
     def rows(self) -> NDArray[np.intp]:
-        """Samples whose time is kept, (n,); a stretch between keeps two."""
-        return np.unique(np.concatenate([self._edges[:-1], *self._whole]))
+        """Samples whose time is kept, (n,): two of each stretch, or the samples themselves."""
+        starts, pairs, middles = self._stretches
+        return np.sort(np.concatenate([starts, middles]))
 
     @cached_property
-    def _edges(self) -> NDArray[np.intp]:
-        """Where the stretches begin; those of one or two samples are the samples themselves."""
+    def _stretches(self) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.intp]]:
+        """Where stretches begin, which are longer than two samples, and the middles of those.
+
+        Regions are stretches of one sample each, the first ones first, as long as there is room.
+        """
         n = len(self.t)
-        if n <= max(2 * STRETCHES, WHOLE):
-            return np.arange(n + 1)
-        ends = np.linspace(0, n, STRETCHES + 1).astype(int)
-        middles = (ends[:-1] + ends[1:]) // 2
-        return np.unique(np.concatenate([ends, middles]))
-
-    @cached_property
-    def _whole(self) -> list[NDArray[np.intp]]:
-        """Samples of the regions, the first ones first, as long as there is room."""
-        kept, room = [], WHOLE
+        if n <= max(4 * STRETCHES, WHOLE):
+            return np.arange(n), np.zeros(n, dtype=bool), np.arange(0)
+        kept, room = [np.linspace(0, n, STRETCHES + 1).astype(int)[:-1]], WHOLE
         for region in self.regions:
             start, stop = np.searchsorted(self.t, (region.start, region.stop))
             stop = min(stop, start + room)
-            kept.append(np.arange(start, stop))
+            kept.append(np.arange(start, min(stop + 1, n)))
             room -= stop - start
-        return kept
+        starts = np.unique(np.concatenate(kept))
+        length = np.diff(starts, append=n)
+        starts = np.sort(np.concatenate([starts, starts[length == 2] + 1]))
+        length = np.diff(starts, append=n)
+        pairs = length > 2
+        return starts, pairs, starts[pairs] + length[pairs] // 2
 
     def content(self) -> dict[str, Any]:
         """Return what the page's script draws: texts, and arrays as base64."""
@@ -169,27 +171,19 @@ class Chart:
         }
 
     def thinned(self, values: Array) -> Array:
-        """Return a signal at the kept rows: extremes of a stretch, or the sample itself, (n,)."""
-        values, rows = np.ravel(values), self.rows
-        if len(rows) == len(values):
-            return values
-        single = np.diff(rows, append=len(values)) == 1
-        low, high = _extremes(values, rows)
-        extreme = np.where(np.arange(len(rows)) % 2 == 0, low, high)
-        return np.where(single, values[rows], extreme)
+        """Return a signal at the kept rows: a stretch's least, then its greatest value, (n,)."""
+        values, (starts, pairs, middles) = np.ravel(values), self._stretches
+        low, high = _extremes(values, starts)
+        out = values[self.rows]
+        out[np.searchsorted(self.rows, starts[pairs])] = low[pairs]
+        out[np.searchsorted(self.rows, middles)] = high[pairs]
+        return out
 
 
-def _extremes(values: Array, rows: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return least and greatest of each row's stretch and the next one, NaN where all is.
-
-    Rows show the one and the other in turn, so that both extremes of every stretch are seen.
-    """
-    low = np.minimum.reduceat(np.where(np.isnan(values), np.inf, values), rows)
-    high = np.maximum.reduceat(np.where(np.isnan(values), -np.inf, values), rows)
-    low, high = (
-        np.minimum(low, np.append(low[1:], low[-1])),
-        np.maximum(high, np.append(high[1:], high[-1])),
-    )
+def _extremes(values: Array, starts: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return least and greatest of each stretch, NaN where all is."""
+    low = np.minimum.reduceat(np.where(np.isnan(values), np.inf, values), starts)
+    high = np.maximum.reduceat(np.where(np.isnan(values), -np.inf, values), starts)
     empty = low > high
     return np.where(empty, np.nan, low), np.where(empty, np.nan, high)
 
