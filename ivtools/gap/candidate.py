@@ -13,6 +13,7 @@ from scipy.optimize import Bounds, differential_evolution
 
 from ..loop import ClosedLoop
 from ..physics import Term
+from .discrepancy import unlike_smooth
 from .fit import Fit, gauss_newton, steps
 from .fold import Fold, Side
 from .library import Box, Scales, alternatives
@@ -21,6 +22,7 @@ from .rules import (
     GENERATIONS,
     MUTATION,
     RECOMBINATION,
+    UNLIKE_SMOOTH,
     VALLEY_DEPTH,
     VALLEY_SAMPLES,
     VALLEY_STEPS,
@@ -128,12 +130,17 @@ class Trial:
         before, after = (sum(f.force_rms**2 for f in fits) for fits in (self.before, self.held))
         return after < before
 
+    @cached_property
+    def distinct(self) -> bool:
+        """Whether a line over position is more than a smooth law of the state could imitate."""
+        return self.term.search != "lines" or unlike_smooth(self.before, self.held) > UNLIKE_SMOOTH
+
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates, and the force error is smaller for it."""
         least = rules.threshold(self.term)
         enough = bool(np.min(self.shares) >= least.share)
         reached = self._reaches(least) or self._reaches(rules.steady)
-        return enough and reached and self.inside and self.lowers
+        return enough and reached and self.inside and self.lowers and self.distinct
 
     def _reaches(self, least: Threshold) -> bool:
         gain, t = np.min(self.gains), np.min(self.t)

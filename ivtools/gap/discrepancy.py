@@ -129,6 +129,31 @@ class Basis:
         return out
 
 
+def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
+    """Return how much of an effect's gain no smooth law of the state could have, 0 to 1.
+
+    Parameters
+    ----------
+    before, after : sequence of Fit
+        Without and with the effect, on each fold.
+    """
+    runs = [f.fold.simulate(f.loop, f.values) for f in before]
+    basis, kept = Basis.of(runs), []
+    for b, a, run in zip(before, after, runs, strict=True):
+        C = _beside(b, b.fold.answers(basis.columns(run)))
+        pair = _beside(b, np.column_stack([b.e - a.e, b.e]))
+        scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
+        rest = pair - (C / scale) @ np.column_stack([normal(C / scale, x, 1e-5) for x in pair.T])
+        kept.append(_explained(rest) / max(_explained(pair), 1e-300))
+    return min(kept)
+
+
+def _explained(pair: Array) -> float:
+    """Return the energy of the second column that the first one explains."""
+    change, e = pair.T
+    return float(change @ e) ** 2 / max(float(change @ change), 1e-300)
+
+
 def _signals(runs: Sequence[Simulation]) -> tuple[list[Array], ...]:
     return [r.q for r in runs], [r.dq for r in runs], [r.tau for r in runs]
 

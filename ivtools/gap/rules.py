@@ -172,7 +172,7 @@ VALLEY_TIME = 4.0
 #: Samples that this takes at most: at high rates the stretch is shorter (numerics).
 VALLEY_SAMPLES = 4000
 #: Points per dimension, and generations, of differential evolution (training).
-CROWD, GENERATIONS = 6, 30
+CROWD, GENERATIONS = 5, 30
 #: Mutation and recombination of differential evolution (Storn, Price, 1997).
 MUTATION, RECOMBINATION = (0.4, 0.9), 0.9
 
@@ -212,6 +212,8 @@ AT_CONTROLLER = 0.98
 
 #: Knots over position (theory: what is finer is a line over position).
 POSITION_KNOTS = 16
+#: Share of the gain of a line over position that no smooth law of the state has (training).
+UNLIKE_SMOOTH = 0.5
 #: Penalties on roughness that are tried, relative to the size of the columns (training).
 PENALTIES = (1e-4, 1e-2, 1.0, 100.0)
 #: Block t value, on either fold, of the energy that it saves (training).
