@@ -144,14 +144,26 @@ def _mute(text: str) -> None:
     """Show no progress."""
 
 
+def _followed(task: _Task) -> tuple[_Task, ClosedLoop, list[preflight.Finding]]:
+    """Return the task with positions to follow, the loop that follows them, and what to say."""
+    known = task.loop.known(task.record)
+    record, loop, note = preflight.followed(task.record, known)
+
+    def other(one: Record | None) -> Record | None:
+        return None if one is None else preflight.followed(one, known)[0]
+
+    task = task._replace(record=record, holdout=other(task.holdout), judge=other(task.judge))
+    return task, loop, note
+
+
 def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
-    record, holdout = task.record, task.holdout
-    records = (record,) if holdout is None else (record, holdout)
-    for one in (*records, *([] if task.judge is None else [task.judge])):
+    for one in (r for r in (task.record, task.holdout, task.judge) if r is not None):
         preflight.require(one)
     say("controller parity")
-    law = preflight.identified(record, task.loop)
-    loop = task.loop.known(record)
+    law = preflight.identified(task.record, task.loop)
+    task, loop, note = _followed(task)
+    record, holdout, law = task.record, task.holdout, [*law, *note]
+    records = (record,) if holdout is None else (record, holdout)
     checked = tuple(parity.check(one, loop) for one in records)
     found: list[preflight.Finding] = []
     for one, shown in zip(records, checked, strict=True):
@@ -192,7 +204,7 @@ def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measur
         p = m.parity
         if p.mismatch and quantify.declared(loop, (m,)).force_rms <= m.base.force_rms:
             plain = replace(p.loop, controller=replace(loop.controller, delay=p.delay))
-            p = replace(p, loop=plain, mismatch={}, tvalues={}, after=p.before)
+            p = replace(p, loop=plain, mismatch={}, tvalues={}, after=p.before, taken=False)
             m = _measure(_as_recorded(m), p)
         kept.append(m)
     return tuple(kept)

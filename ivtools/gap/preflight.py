@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from .. import checks
 from ..errors import IVToolsError, RecordError
 from ..loop import ClosedLoop, Controller
+from ..loop.observer import driven_by
 from ..loop.rough_inertia import beside_position, shown_inertia
+from ..pipeline import Pipeline
 from ..record import Record
 from .fit import Fit
 from .fold import usable
@@ -35,6 +37,8 @@ from .rules import (
     OTHER_INERTIA,
     OVER_LIMIT,
     OVERLAP,
+    PULL_HZ,
+    PULL_RATE,
     SAME_AXIS,
     SAME_RECORD,
     SATURATED,
@@ -82,19 +86,54 @@ def inspect(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
 
 
 def require(record: Record) -> None:
-    """Refuse a record that the closed loop cannot be compared with.
+    """Refuse a record that a closed loop of one joint cannot be compared with.
 
     Raises
     ------
     RecordError
-        If the record has no reference, or more than one joint.
+        If the record has more than one joint.
     """
     if record.n_joints != 1:
         raise RecordError(
             f"{record.name} has {record.n_joints} joints; a diagnosis takes one at a time"
         )
-    if record.q_ref is None:
+
+
+def followed(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop, list[Finding]]:
+    """Return a record with a position to follow, and the loop that follows it.
+
+    A velocity loop's is the integral of its reference. Without a controller the model is driven by
+    the recorded command, and pulled to the measured motion by a soft controller of its own: what
+    the pull has to give is the force that the model lacks, and it does not drift away.
+
+    Raises
+    ------
+    RecordError
+        If the law follows a position and the record has none.
+    """
+    if loop.controller.kind == "none":
+        text = (
+            "no controller: the model is driven by the recorded command and pulled to the measured "
+            f"motion, softly ({PULL_HZ:g} Hz); the gap is the force of the pull"
+        )
+        return (*_pulled(record, loop), [Finding(text, fatal=False)])
+    if record.q_ref is not None:
+        return record, loop, []
+    if loop.controller.needs_position or record.dq_ref is None:
         raise RecordError(f"{record.name} has no q_ref; the simulated loop is driven by it")
+    q_ref = record.q[0] + np.cumsum(record.dq_ref, axis=0) * record.dt
+    return record.replace(q_ref=q_ref), loop, []
+
+
+def _pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
+    """Return a record driven by its own command, and the loop that is pulled to its motion."""
+    hz = min(PULL_HZ, PULL_RATE * record.sampling_hz)
+    inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
+    smooth = Pipeline(min(5.0 * hz, 0.2 * record.sampling_hz), 1)
+    motion = smooth.differentiate(record.q, record.dt)
+    unit = inertia * 2.0 * np.pi * hz / loop.gain
+    pull = Controller("pd", {"kp": unit * 2.0 * np.pi * hz, "kd": 1.4 * unit})
+    return driven_by(loop.command(record), motion, record), replace(loop, controller=pull)
 
 
 def identified(record: Record, loop: ClosedLoop) -> list[Finding]:

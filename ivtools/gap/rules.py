@@ -49,6 +49,10 @@ LAW_R2 = 0.9
 NOISY_GAIN = 0.05
 #: R2 from which a law times a factor is this law in another unit (issue 12, point 6e).
 UNIT_R2 = 0.98
+#: Natural frequency, Hz, of the pull to a motion without controller (physics: as of a slow servo),
+#: and at most, of the sampling rate.
+PULL_HZ = 5.0
+PULL_RATE = 0.025
 #: Relative errors of gains between which the parity fit searches (physics).
 GAIN_RANGE = (-0.95, 9.0)
 #: Blocks of the covariance of the parity fit (theory: enough for a t value of 8).

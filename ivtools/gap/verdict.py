@@ -22,7 +22,6 @@ from .rules import ADEQUATE, CHANGED, CHANGED_BY, CHANGED_T, EXPLAINED, OVER_FLO
 
 Pair = tuple[float | None, float | None]
 
-_PERCENT = {"kp", "kv", "velocity_filter", "added"}  # of a controller: relative errors
 
 VERDICTS = {
     "adequate": "the model is as good as the measurement is repeatable",
@@ -344,7 +343,9 @@ def _controller(
         [[float(v) for v in p if v is not None] for p in values.values() if None not in p]
     )
     agree = _agree(both, rules) if len(both) else None
-    return Replica(effect, sides, values, {n: "%" if n in _PERCENT else "" for n in values}, agree)
+    absolute = ("limit", "law.", "feed")  # what is no relative error
+    units = {n: "" if n.startswith(absolute) else "%" for n in values}
+    return Replica(effect, sides, values, units, agree)
 
 
 def replicate(

@@ -189,9 +189,7 @@ def _to_cascade_pd(found: Mapping[str, float]) -> list[dict[str, float]]:
 
 
 def _to_pd(found: Mapping[str, float]) -> list[dict[str, float]]:
-    """Leave what has no weight of the velocity reference to cascade-pd, which it is."""
-    c = _weight(found)
-    return [{"kp": found["e"], "kd": found["dq"]} | c] if c.get("c", 1.0) else []
+    return [{"kp": found["e"], "kd": found["dq"]} | _weight(found)]
 
 
 def _to_p_velocity(found: Mapping[str, float]) -> list[dict[str, float]]:

@@ -1,0 +1,69 @@
+"""A diagnosis with every kind of controller, and without one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from benchmarks import populations
+from ivtools.loop import Controller
+
+pytestmark = pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
+
+
+def played(kind, effect=None, seed=3, hz=500.0, **changes):
+    """Return a declared loop without effect, and a record of the same with it."""
+    rng = np.random.default_rng([seed, len(kind)])
+    loop, theta, stroke = populations.axis(rng, ("prismatic", "revolute")[seed % 2])
+    law = replace(populations.controller(rng, kind, theta["inertia"], hz), **changes)
+    declared = replace(loop, controller=populations.scaled(law, loop.gain))
+    true = declared
+    if effect:
+        force = 0.9 * theta["coulomb"]
+        true = declared.with_effect("stribeck", force=force, speed=0.15 * stroke)
+        theta = {**theta, "stribeck.force": force, "stribeck.speed": 0.15 * stroke}
+    record = populations.reference(rng, 8000, hz, stroke)
+    sim = true.simulate(
+        record,
+        theta,
+        initial="rest",
+        position_noise=1e-6 * stroke * rng.normal(size=8000),
+        force_noise=0.03 * theta["coulomb"] * rng.normal(size=8000),
+    )
+    return declared, record.replace(q=sim.q, nu=sim.nu)
+
+
+@pytest.mark.parametrize("kind", populations.KINDS)
+def test_an_effect_is_named_behind_any_controller(kind):
+    loop, record = played(kind, "stribeck")
+    found = iv.diagnose(record, loop)
+    assert not [f.text for f in found.findings if f.fatal]
+    assert "controller-mismatch" not in found.effects
+    assert found.effects == ("stribeck",) or "stribeck" in sum(found.ambiguous_with.values(), [])
+
+
+def test_without_a_controller_the_model_is_pulled_to_the_motion():
+    loop, record = played("p-pi", "stribeck")
+    found = iv.diagnose(record, replace(loop, controller=Controller("none", {})))
+    assert any("no controller: the model is driven" in f.text for f in found.findings)
+    assert "stribeck" in found.effects or "stribeck" in sum(found.ambiguous_with.values(), [])
+
+
+def test_a_velocity_loop_needs_no_position_reference():
+    loop, record = played("pi-velocity")
+    dq_ref = np.gradient(record.q_ref, record.dt, axis=0)
+    found = iv.diagnose(record.replace(q_ref=None, dq_ref=dq_ref), loop)
+    assert found.effects == () and not [f.text for f in found.findings if f.fatal]
+
+
+def test_a_feed_forward_that_nobody_declared_is_said():
+    fed = {"acceleration": 0.5}
+    loop, record = played("cascade-pd", "stribeck", feedforward=fed)
+    plain = replace(loop, controller=replace(loop.controller, feedforward={}))
+    found = iv.diagnose(record, plain)
+    text = " ".join(f.text for f in found.findings)
+    assert "of inertia feed-forward is in the command and not in the log" in text
+    shown = found.parameters["controller-mismatch"]["feedforward.acceleration"]
+    assert shown == pytest.approx(0.5 / loop.gain, rel=0.02)
+    assert "stribeck" in found.effects
