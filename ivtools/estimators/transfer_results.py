@@ -97,7 +97,9 @@ class TransferFunctionResults(Estimates):
         bandwidth = min(max(bandwidth, memory), len(X) - 1)
         cov = covariance(X, resids, Z, "hac", bandwidth=bandwidth)
         variance = np.var(y - simulated) if np.var(y) > 0.0 else 0.0
-        spread = variance * np.diag(np.linalg.pinv(Z.T @ Z, hermitian=True))  # (p,)
+        size = np.linalg.norm(Z, axis=0)  # units must not decide which directions count
+        spread = variance * np.diag(np.linalg.pinv((Z / size).T @ (Z / size), hermitian=True))
+        spread = spread / size**2  # (p,)
         known = np.abs(theta) > 0.0
         yic = -math.inf
         if variance > 0.0:
