@@ -198,7 +198,8 @@ class Problem:
         the controller. An observer knows both (`ivtools.loop.observer`): where its direction
         differs, its velocity is used. A sample with a reversal counts for either direction by its
         share (`share_behind`). What the observer gets wrong of a motion without noise, it gets
-        wrong on the simulated side as well.
+        wrong on the simulated side as well. A pipeline that masks what is slow needs none of
+        that: the rows are then the plain ones.
 
         Parameters
         ----------
@@ -215,16 +216,25 @@ class Problem:
 
     def observed_rows(self, theta: Theta | None) -> Array:
         """Return the measured rows of `paired_rows`, (N, p)."""
+        if self.masked:
+            return self.X
         return self._directed(self.motion, self.force, self._driven, theta)[:, :-1]
 
     def paired_instruments(
         self, theta: Theta | None, *, filtered: bool = True, scale_gain: bool = False
     ) -> tuple[Array, Array]:
         """Return the simulated rows of `paired_rows` and their force, (N, p) and (N,)."""
+        if self.masked:
+            return self.simulated_rows(theta, filtered=filtered, scale_gain=scale_gain)
         simulation, motion = self._trajectory(theta, filtered, scale_gain)
         driven = driven_by(simulation.nu, motion, self.record)
         rows = self._directed(motion, self.pipeline.align(simulation.tau), driven, theta)
         return rows[:, :-1], rows[:, -1]
+
+    @property
+    def masked(self) -> bool:
+        """Whether the pipeline leaves out where the direction of motion is in doubt."""
+        return self.pipeline.min_speed > 0.0
 
     @cached_property
     def _driven(self) -> Record:
