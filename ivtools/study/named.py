@@ -16,6 +16,7 @@ from ivtools.errors import IVToolsError, shown
 from ivtools.estimators.base import estimator_class
 from ivtools.limits import check_content, read_text
 from ivtools.loop import ClosedLoop
+from ivtools.loop.axis_file import from_tables as loop_of
 from ivtools.pipeline import Pipeline
 from ivtools.settings import fitted, table, value
 from ivtools.study.case import Case
@@ -184,8 +185,12 @@ def _case(name: str, settings: Mapping[str, Any], factors: Mapping[str, Any]) ->
 
 
 def _loop(settings: Mapping[str, Any]) -> ClosedLoop:
-    axis = value(settings.get("axis", "emps"), str, "axis")
-    loop = ClosedLoop.from_file(axes.path(axis) if axis in axes.FILES else axis)
+    axis = settings.get("axis", "emps")
+    if isinstance(axis, Mapping):  # the tables of an axis file
+        loop = loop_of(axis)
+    else:
+        axis = value(axis, str, "axis")
+        loop = ClosedLoop.from_file(axes.path(axis) if axis in axes.FILES else axis)
     if "terms" in settings:
         loop = loop.with_terms(*value(settings["terms"], tuple[str, ...], "terms"))
     effects = value(settings.get("effects", {}), Mapping[str, Mapping[str, float]], "effects")
