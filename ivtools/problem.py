@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import EstimationError, ShapeError
+from .errors import EstimationError, RecordError, ShapeError
 from .linalg import solve_iv
 from .loop import ClosedLoop, RobotLoop, Simulation
 from .loop.model import Theta
@@ -227,7 +227,10 @@ class Problem:
         if self.masked:
             return self.simulated_rows(theta, filtered=filtered, scale_gain=scale_gain)
         simulation, motion = self._trajectory(theta, filtered, scale_gain)
-        driven = driven_by(simulation.nu, motion, self.record)
+        try:
+            driven = driven_by(simulation.nu, motion, self.record)
+        except RecordError as error:
+            raise EstimationError(f"the simulated motion is no record: {error}") from error
         rows = self._directed(motion, self.pipeline.align(simulation.tau), driven, theta)
         return rows[:, :-1], rows[:, -1]
 

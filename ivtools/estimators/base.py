@@ -9,6 +9,8 @@ from importlib import import_module
 from time import perf_counter
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from ivtools.errors import ConvergenceWarning, EstimationError
 from ivtools.linalg import CovType
 from ivtools.loop import RobotLoop
@@ -78,6 +80,11 @@ class Estimator(ABC):
         FitResults
             With the time that it took.
 
+        Raises
+        ------
+        EstimationError
+            If the equations have no solution.
+
         Warns
         -----
         ConvergenceWarning
@@ -94,7 +101,13 @@ class Estimator(ABC):
                 "and didim"
             )
         start = perf_counter()
-        results = self.estimate(problem)
+        try:
+            results = self.estimate(problem)
+        except np.linalg.LinAlgError as error:
+            raise EstimationError(
+                f"{self.key} cannot solve its equations ({error}); the record shows too little, or "
+                "a signal is out of all proportion"
+            ) from error
         if not results.converged:
             warnings.warn(
                 f"{self.key} has not converged in {results.n_iter} iterations; "

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ivtools.errors import EstimationError
-from ivtools.estimators.instrumental import IDIMIV, Step, System, within_bounds
+from ivtools.errors import ConvergenceWarning, EstimationError, IVToolsError
+from ivtools.estimators.base import Estimator
+from ivtools.estimators.instrumental import IDIMIV, Path, Step, System, norm, within_bounds
+from ivtools.estimators.iteration import starting_values
+from ivtools.estimators.least_squares import IDIMLS
+from ivtools.results import FitResults
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
 
 Array = NDArray[np.float64]
 
+WORSE = 1.05  # of the least misfit on the way: what fits worse is another solution
 SETTLING_ROWS = 3  # decimated rows at either end that its filter's start and stop reach
 
 
@@ -65,6 +72,57 @@ class IDIMBCIV(IDIMIV):
     key: ClassVar[str] = "idim-bciv"
     robots: ClassVar[bool] = False
 
+    def estimate(self, problem: Problem) -> FitResults:
+        """Iterate from the start, then from other estimates; else give the input error's.
+
+        The equations may have more solutions than one, or none that the iteration is drawn to.
+        Where the simulated loop fits worse than at a point on the way, the solution is not the
+        axis; a start from an estimate that cannot be far off then finds the right one.
+        """
+        paths = [self._iterate(problem, starting_values(problem, self.start))]
+        fallback = None
+        for other in self._others():
+            if _sound(paths):
+                break
+            fallback = _tried(other, problem) or fallback
+            if fallback is not None:
+                paths.append(self._iterate(problem, fallback.params.to_numpy()))
+        best = _sound(paths)
+        if best is None:
+            return self._unsettled(problem, paths[0], fallback)
+        spent = sum(path.n_simulations for path in paths)
+        return self._results(problem, best._replace(n_simulations=spent))
+
+    def misfit(self, step: Step) -> float:
+        """Return the norm of the measured less the simulated force at a step's point."""
+        return norm(step.system.y - step.system.Z @ step.at)
+
+    def _others(self) -> Iterator[Estimator]:
+        """Yield methods that start another iteration, the surest last."""
+        from ivtools.estimators.input_error import CLIE
+
+        yield IDIMLS()
+        yield IDIMIV(scale_gain=self.scale_gain)
+        yield CLIE()
+
+    def _unsettled(self, problem: Problem, path: Path, fallback: FitResults | None) -> FitResults:
+        """Return the last other estimate under this method's name, as not converged."""
+        if fallback is None:
+            return self._results(problem, path._replace(converged=False))
+        theta = fallback.params.reindex(problem.names).to_numpy()
+        return FitResults.from_solution(
+            self.key,
+            theta,
+            problem.X,
+            problem.y,
+            problem=problem,
+            cov_type=self.cov_type,
+            n_iter=path.n_iter,
+            n_simulations=path.n_simulations,
+            converged=False,
+            notes=(f"no solution that holds was found; the values are those of {fallback.method}",),
+        )
+
     def system(
         self, problem: Problem, theta: Array, scale_gain: bool = False, X: Array | None = None
     ) -> System:
@@ -84,6 +142,25 @@ class IDIMBCIV(IDIMIV):
     def _measured(self, problem: Problem) -> Array:
         """Return the measured force at the rows that are used, (N,)."""
         return problem.y[settled_rows(problem)]
+
+
+def _sound(paths: list[Path]) -> Path | None:
+    """Return the path that ended where the loop fits best, if none fitted clearly better."""
+    least = min((misfit for path in paths for misfit in path.misfits), default=np.inf)
+    ended = [path for path in paths if path.converged]
+    best = min(ended, key=lambda path: path.misfits[-1], default=None)
+    return best if best is not None and best.misfits[-1] <= WORSE * least else None
+
+
+def _tried(method: Estimator, problem: Problem) -> FitResults | None:
+    """Return the fit of another method; None if it fails as well."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        try:
+            fit = method.fit(problem)
+        except IVToolsError:
+            return None
+    return fit if np.isfinite(fit.params.reindex(problem.names).to_numpy()).all() else None
 
 
 def settled_rows(problem: Problem) -> NDArray[np.intp]:

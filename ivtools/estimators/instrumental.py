@@ -52,13 +52,18 @@ class System(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One step: the system simulated at `at` (p,) and its solution `theta` (p,)."""
+    """One step: the system simulated at `at` (p,) and its solution `theta` (p,).
+
+    `scaled` says whether the loop had its gain scaled; `change` is the largest relative change of
+    a parameter.
+    """
 
     at: Array
     theta: Array
     system: System
     weights: Weights | None
     change: float
+    scaled: bool
 
     @property
     def near(self) -> bool:
@@ -69,6 +74,34 @@ class Step(NamedTuple):
     def resids(self) -> Array:
         """Residual of the solution, (N,), N or N m."""
         return self.system.y - self.system.X @ self.theta
+
+    @property
+    def length(self) -> float:
+        """How far the step moves the force of the simulated motion, N or N m."""
+        return norm(self.system.Z @ (self.theta - self.at))
+
+    def lengthens(self, last: Step | None, tol: float) -> bool:
+        """Whether this step is longer than the last one, which an approach is not.
+
+        Steps of other weights, or of a loop with its gain scaled, do not compare.
+        """
+        if last is None or last.scaled or self.scaled or self.weights is not last.weights:
+            return False
+        return self.change > tol and self.length > last.length
+
+
+class Path(NamedTuple):
+    """Where an iteration has got to: its last step, what it took, and why it stopped.
+
+    `misfits` are those of its points (`IDIMIV.misfit`), the last one's last.
+    """
+
+    step: Step | None
+    n_iter: int
+    n_simulations: int
+    converged: bool
+    failure: str
+    misfits: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -134,8 +167,13 @@ class IDIMIV(Estimator):
 
     def estimate(self, problem: Problem) -> FitResults:
         """Iterate Z(theta_k)' (y - X theta_(k+1)) = 0."""
-        theta = starting_values(problem, self.start)  # (p,)
+        path = self._iterate(problem, starting_values(problem, self.start))
+        return self._results(problem, path)
+
+    def _iterate(self, problem: Problem, theta: Array) -> Path:
+        """Iterate from theta (p,) until nothing changes, or no step leads on."""
         last, n_iter, tries, converged, failure = None, 0, 0, False, ""
+        misfits: list[float] = []
         while not converged and n_iter < self.max_iter:
             step, tried, failure = self._step(problem, theta, last)
             n_iter, tries = n_iter + 1, tries + tried
@@ -143,8 +181,12 @@ class IDIMIV(Estimator):
                 break
             converged = self._settled(last, step)
             theta, last = step.theta, step
-        status: dict[str, Any] = dict(n_iter=n_iter, n_simulations=tries, converged=converged)
-        return self._results(problem, last, status, failure)
+            misfits += [] if step.scaled else [self.misfit(step)]
+        return Path(last, n_iter, tries, converged, failure, tuple(misfits))
+
+    def misfit(self, step: Step) -> float:
+        """Return how badly the loop simulated at a step's point fits; 0 if that is not known."""
+        return 0.0
 
     def system(
         self, problem: Problem, theta: Array, scale_gain: bool = False, X: Array | None = None
@@ -177,31 +219,44 @@ class IDIMIV(Estimator):
     def _step(
         self, problem: Problem, theta: Array, last: Step | None
     ) -> tuple[Step | None, int, str]:
-        """Step from theta, or from nearer to the last point if that is impossible.
+        """Step from theta, or from nearer to the last point if that leads nowhere.
+
+        The steps of an approach grow shorter (Deuflhard's natural monotonicity test); one that is
+        longer than the last has gone too far.
 
         Returns
         -------
         The step, the simulations that it took, and why there is none.
+
+        References
+        ----------
+        P. Deuflhard, *Newton Methods for Nonlinear Problems*, 2004, section 3.3.
         """
         far, failure = self.scale_gain and (last is None or not last.near), ""
         anchor = None if last is None else last.at
         for tried in range(1, _HALVINGS + 1):
             try:
-                return self._solve(problem, theta, last, far), tried, ""
+                step = self._solve(problem, theta, last, far)
+                if not step.lengthens(last, self.tol):
+                    return step, tried, ""
+                failure = "the steps grow longer"
             except EstimationError as error:  # unstable, at rest, or without inertia
-                anchor = starting_values(problem, "ls") if anchor is None else anchor
-                theta, failure = 0.5 * (theta + anchor), str(error)
+                failure = str(error)
+            anchor = starting_values(problem, "ls") if anchor is None else anchor
+            theta = 0.5 * (theta + anchor)
         return None, _HALVINGS, failure
 
     def _solve(self, problem: Problem, theta: Array, last: Step | None, far: bool) -> Step:
         held = last is not None and last.change <= HELD  # else a sample on the brink may flip on
         system = self.system(problem, theta, far, last.system.X if last and held else None)
+        if not (np.isfinite(system.Z).all() and np.isfinite(system.y).all()):
+            raise EstimationError("the simulated loop runs away at these parameters")
         weights = None
         if last is not None and last.near:
             weights = self.row_weights(system, system.y - system.X @ theta, last)
         new = solve_iv(system.X, system.y, system.Z, weights, problem.names)  # (p,)
         change = relative_change(theta, new, system.X, system.y)
-        return Step(theta, new, system, weights, change)
+        return Step(theta, new, system, weights, change, far)
 
     def _settled(self, last: Step | None, step: Step) -> bool:
         """Whether the parameters and the norm of the residual have stopped to change."""
@@ -210,10 +265,14 @@ class IDIMIV(Estimator):
         old, new = np.linalg.norm(last.resids), np.linalg.norm(step.resids)
         return bool(abs(new - old) <= self.tol * max(float(new), SMALL_SHARE * norm(step.system.y)))
 
-    def _results(
-        self, problem: Problem, step: Step | None, status: dict[str, Any], failure: str
-    ) -> FitResults:
-        failed = (f"the last step failed: {failure}",) if failure else ()
+    def _results(self, problem: Problem, path: Path) -> FitResults:
+        step = path.step
+        status: dict[str, Any] = {
+            "n_iter": path.n_iter,
+            "n_simulations": path.n_simulations,
+            "converged": path.converged,
+        }
+        failed = (f"the last step failed: {path.failure}",) if path.failure else ()
         if step is None:  # no loop to take instruments from
             X, y = problem.X, problem.y
             theta = solve_iv(X, y, names=problem.names)
