@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-WORSE = 1.05  # of the least misfit on the way: what fits worse is another solution
+WORSE = 1.25  # of the least misfit on the way: what fits worse is another solution
 SETTLING_ROWS = 3  # decimated rows at either end that its filter's start and stop reach
 
 

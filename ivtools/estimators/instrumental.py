@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 FAR = 0.1  # a step that moves a parameter by more is far from convergence
+STEADY = 1e-2  # a step that moves a parameter by less is near
 HELD = 3e-3  # a step that moves a parameter by less changes no observed direction any more
 _HALVINGS = 6
 
@@ -80,14 +81,15 @@ class Step(NamedTuple):
         """How far the step moves the force of the simulated motion, N or N m."""
         return norm(self.system.Z @ (self.theta - self.at))
 
-    def lengthens(self, last: Step | None, tol: float) -> bool:
+    def lengthens(self, last: Step | None) -> bool:
         """Whether this step is longer than the last one, which an approach is not.
 
-        Steps of other weights, or of a loop with its gain scaled, do not compare.
+        Steps of other weights, or of a loop with its gain scaled, do not compare; nor do small
+        ones, as a sample that turns its direction changes the equations.
         """
         if last is None or last.scaled or self.scaled or self.weights is not last.weights:
             return False
-        return self.change > tol and self.length > last.length
+        return self.change > STEADY and self.length > last.length
 
 
 class Path(NamedTuple):
@@ -237,7 +239,7 @@ class IDIMIV(Estimator):
         for tried in range(1, _HALVINGS + 1):
             try:
                 step = self._solve(problem, theta, last, far)
-                if not step.lengthens(last, self.tol):
+                if not step.lengthens(last):
                     return step, tried, ""
                 failure = "the steps grow longer"
             except EstimationError as error:  # unstable, at rest, or without inertia

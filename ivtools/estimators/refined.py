@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.estimators.compensated import IDIMBCIV
-from ivtools.estimators.instrumental import Step, System
+from ivtools.estimators.instrumental import STEADY, Step, System
 from ivtools.linalg import NoiseModel, Weights, covariance, segment_starts, solve_iv
 from ivtools.linalg.noise import MAX_ORDER, Criterion
 
@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 LAGS = 20  # of the Ljung-Box test
 DOUBT = 4.0  # standard errors
 EXACT = 1e-7  # of the force: a residual below this is the arithmetic's, not noise
-_STEADY = 1e-2  # a step that moves a parameter by less is near enough to model the noise
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class IDIMPIV(IDIMBCIV):
 
     def row_weights(self, system: System, resids: Array, last: Step) -> Weights | None:
         """Return the inverse noise model of this residual (N,)."""
-        steady = last.change <= _STEADY
+        steady = last.change <= STEADY
         if steady == (last.weights is not None) or (last.weights is not None and not self.renew):
             return last.weights
         if np.linalg.norm(resids) <= EXACT * np.linalg.norm(system.y):
@@ -98,7 +97,7 @@ class IDIMPIV(IDIMBCIV):
 
     def _settled(self, last: Step | None, step: Step) -> bool:
         """Whether the iteration has stopped to move; not before the noise was looked at."""
-        return last is not None and last.change <= _STEADY and super()._settled(last, step)
+        return last is not None and last.change <= STEADY and super()._settled(last, step)
 
     def notes(self, problem: Problem, step: Step) -> tuple[str, ...]:
         """Say what the noise is, and whether it is white behind the filter."""
