@@ -6,14 +6,14 @@ the effects are known, and scaled to another mass and length only when the recor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .plant import INDEX, NAMES
 
 DT = 0.001  # s
-LAWS = ("cascade-pd", "pd")
+LAWS = ("cascade-pd", "pd", "pid", "p-pi", "pi-velocity", "p-velocity")
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,8 @@ class Axis:
     inertia, viscous, coulomb, offset : float
         kg, N/(m/s), N, N.
     law : int
-        0 for a cascade (kp in 1/s, kv in V/(m/s)), 1 for pd (kp in V/m, kv in V/(m/s)).
+        Index in `LAWS`: 0 for a cascade (kp in 1/s, kv in V/(m/s)), 1 for pd (kp in V/m, kv in
+        V/(m/s)).
     taps : tuple of float
         Of the velocity filter.
     delay : int
@@ -62,6 +63,9 @@ class Axis:
     noise : Noise
     mass, length : float
         Factors that scale it.
+    ki, weight, ahead : float
+        Integral gain (V/(m s) of a pid, else 1/s), weight of the velocity reference, and
+        feed-forward of the acceleration, V/(m/s2).
     """
 
     inertia: float
@@ -78,6 +82,9 @@ class Axis:
     noise: Noise
     mass: float
     length: float
+    ki: float = 0.0
+    weight: float = 1.0
+    ahead: float = 0.0
 
     def vector(self) -> np.ndarray:
         """Return the parameters of the plant without effects."""
@@ -89,15 +96,23 @@ class Axis:
 
     def tables(self) -> dict[str, dict[str, object]]:
         """Return the axis as its owner knows it: the tables of an axis file, scaled."""
-        kp = self.kp if self.law == 0 else self.kp / self.length
+        kind, scale = LAWS[self.law], 1.0 / self.length
+        outer = self.kp * scale if kind in ("pd", "pid") else self.kp
+        inner = "kd" if kind in ("pd", "pid") else "kv"
         controller: dict[str, object] = {
-            "kind": LAWS[self.law],
-            "kp": kp,
-            ("kv", "kd")[self.law]: self.kv / self.length,
+            "kind": kind,
+            **({} if kind.endswith("velocity") else {"kp": outer}),
+            inner: self.kv * scale,
             "velocity_filter": list(self.taps),
             "delay": self.delay,
             "limit": self.limit,
         }
+        if kind in ("pid", "p-pi", "pi-velocity"):
+            controller["ki"] = self.ki * (scale if kind == "pid" else 1.0)
+        if self.weight != 1.0:
+            controller["c"] = self.weight
+        if self.ahead:
+            controller["feedforward"] = {"acceleration": self.ahead * scale}
         joint = "revolute" if self.inertia * self.mass < 0.05 else "prismatic"
         return {
             "axis": {"name": "withheld", "joint": joint},
@@ -130,6 +145,23 @@ def draw(rng: np.random.Generator) -> Axis:
         noise=_noise(rng),
         mass=target / inertia,
         length=10.0 ** (rng.uniform(0.5, 2.0) if revolute else rng.uniform(-0.5, 0.8)),
+    )
+
+
+def controlled(rng: np.random.Generator, axis: Axis, kind: str) -> Axis:
+    """Return an axis under another kind of controller with much the same bandwidth."""
+    law, inner = LAWS.index(kind), rng.uniform(60.0, 100.0)
+    kv = inner * axis.inertia / axis.gain
+    outer, slow = inner * rng.uniform(0.25, 0.45), inner * rng.uniform(0.05, 0.2)
+    kp = {0: outer, 1: outer * kv, 2: (outer + slow) * kv, 3: outer}.get(law, 0.0)
+    return replace(
+        axis,
+        law=law,
+        kp=kp,
+        kv=kv,
+        ki=outer * slow * kv if kind == "pid" else slow,
+        weight=float(rng.choice([1.0, 0.0, 0.8])) if kind in ("pid", "p-pi") else 1.0,
+        ahead=float(rng.choice([0.0, 0.0, 0.7])) * axis.inertia / axis.gain,
     )
 
 

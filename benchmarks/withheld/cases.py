@@ -64,6 +64,8 @@ def draw(task: Task) -> Case:
 
 def _attempt(task: Task, rng: np.random.Generator) -> Case | None:
     axis = axes.draw(rng)
+    if task.suite == "controllers":
+        axis = axes.controlled(rng, axis, task.detail[0])
     motion = str(rng.choice(motions.KINDS))
     n = int(rng.uniform(16.0, 25.0) / DT)
     refs = [motions.draw(rng, motion, n) for _ in range(2)]
@@ -185,5 +187,11 @@ def write(case: Case, folder: Path) -> None:
         pd.DataFrame(table).to_csv(folder / f"{name}.csv", index=False)
     lines = []
     for head, content in case.axis.tables().items():
-        lines += [f"[{head}]", *(f"{k} = {json.dumps(v)}" for k, v in content.items())]
+        lines += [f"[{head}]", *(f"{k} = {_toml(v)}" for k, v in content.items())]
     (folder / "axis.toml").write_text("\n".join(lines) + "\n")
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{k} = {json.dumps(v)}' for k, v in value.items())}}}"
+    return json.dumps(value)

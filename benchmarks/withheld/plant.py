@@ -132,14 +132,32 @@ def _pushed(line, value, first):
 
 
 @njit(cache=True)
-def _law(law, kp, kv, taps, past, dt, ref, dref):
-    """Return the command of the control law, V: a cascade for 0, pd for 1."""
+def _law(law, kp, kv, more, taps, past, dt, ref, dref, ddref, total, limit):
+    """Return the command of the control law, V, and the integral so far.
+
+    0 is a cascade, 1 pd, 2 pid, 3 a servo of P position and PI velocity, 4 its velocity loop, 5 a
+    proportional one. `more` has the integral gain, the weight of the velocity reference and the
+    feed-forward of the acceleration. The integral stands while the command is beyond its limit.
+    """
+    ki, c, ahead = more
     vel = 0.0
     for j in range(len(taps)):
         vel += taps[j] * (past[j] - past[j + 1]) / dt
+    e = ref - past[0]
     if law == 0:
-        return kv * (kp * (ref - past[0]) - vel)
-    return kp * (ref - past[0]) + kv * (dref - vel)
+        return kv * (kp * e - vel) + ahead * ddref, total
+    if law == 1:
+        return kp * e + kv * (c * dref - vel) + ahead * ddref, total
+    if law == 5:
+        return kv * (c * dref - vel) + ahead * ddref, total
+    if law == 2:
+        new = total + ki * dt * e
+        u = kp * e + kv * (c * dref - vel) + new + ahead * ddref
+    else:
+        ev = (kp * e if law == 3 else 0.0) + c * dref - vel
+        new = total + ki * dt * ev
+        u = kv * (ev + new) + ahead * ddref
+    return u, (total if abs(u) > limit and u * (new - total) > 0.0 else new)
 
 
 @njit(cache=True, inline="always")
@@ -192,9 +210,11 @@ def run(
     sub,
     q_ref,
     dq_ref,
+    ddq_ref,
     added,
     kp,
     kv,
+    more,
     taps,
     law,
     cdelay,
@@ -209,21 +229,25 @@ def run(
 ):
     """Fill out (3, n) with encoder position, m, command, V, and true position, m.
 
-    `law` is 0 for a cascade (position gain kp, 1/s, velocity gain kv, V/(m/s)) and 1 for pd (kp in
-    V/m). The command is held over a sample of dt, s, which takes `sub` steps.
+    `law` is 0 for a cascade (position gain kp, 1/s, velocity gain kv, V/(m/s)), 1 for pd (kp in
+    V/m), and so on as in `_law`, with `more` of its settings. The command is held over a sample of
+    dt, s, which takes `sub` steps.
     """
     h = dt / sub
     masses = _masses(p)
     x, lagged, at = (q0, dq_ref[0], q0, dq_ref[0], 0.0), 0.0, 0
     past, line = np.full(len(taps) + 1, q0), np.zeros(cdelay + 1)
-    buffer = np.zeros(int(round(p[38] / h)) + 1)
+    buffer, total = np.zeros(int(round(p[38] / h)) + 1), 0.0
     for i in range(len(q_ref)):
         e = _encoder(x[0], noise[i], quantum, p)
         _pushed(past, e, False)
         if i == 0:
             for j in range(len(past)):
                 past[j] = e - j * dt * dq_ref[0]
-        _pushed(line, _law(law, kp, kv, taps, past, dt, q_ref[i], dq_ref[i]), i == 0)
+        wanted, total = _law(
+            law, kp, kv, more, taps, past, dt, q_ref[i], dq_ref[i], ddq_ref[i], total, limit
+        )
+        _pushed(line, wanted, i == 0)
         u = min(max(line[cdelay], -limit), limit) + added[i]
         out[0, i], out[1, i], out[2, i] = e, u, x[0]
         for s in range(sub):

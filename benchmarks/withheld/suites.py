@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import backgrounds
+from .axes import LAWS
 from .disturbances import BURSTS
 from .effects import AT_CONTROLLER, EFFECTS, SIZE, twins
 
@@ -38,7 +39,8 @@ class Task:
     seed : int
     effects : tuple of str
     detail : tuple of str
-        Of a background: its kind and model; of a burst: its shape; of a small effect: its level.
+        Of a background: its kind and model; of a burst: its shape; of a small effect: its level;
+        of a controller: its kind.
     """
 
     suite: str
@@ -115,6 +117,14 @@ def _small(seeds: range) -> Iterator[Task]:
             yield from (Task("small", s, (e,), (f"{level:g}",)) for level in LEVELS)
 
 
+def _controllers(seeds: range) -> Iterator[Task]:
+    """Every kind of controller with every effect, and without."""
+    for s in seeds:
+        for kind in LAWS:
+            yield Task("controllers", s, (), (kind,))
+            yield from (Task("controllers", s, (e,), (kind,)) for e in EFFECTS)
+
+
 #: Suite to its tasks for a range of seeds.
 SUITES: dict[str, Callable[[range], Iterator[Task]]] = {
     "single": _single,
@@ -125,6 +135,7 @@ SUITES: dict[str, Callable[[range], Iterator[Task]]] = {
     "clear": _clear,
     "bursts": _bursts,
     "small": _small,
+    "controllers": _controllers,
 }
 #: Suites whose true held-out figures are measured.
 MEASURED = ("single", "none", "two", "background", "clear")
@@ -140,4 +151,5 @@ FULL = {
     "clear": 6,
     "bursts": 6,
     "small": 3,
+    "controllers": 2,
 }

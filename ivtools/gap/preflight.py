@@ -37,6 +37,7 @@ from .rules import (
     OTHER_INERTIA,
     OVER_LIMIT,
     OVERLAP,
+    PARITY_POOR,
     PULL_HZ,
     PULL_RATE,
     SAME_AXIS,
@@ -129,7 +130,7 @@ def _pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
     """Return a record driven by its own command, and the loop that is pulled to its motion."""
     hz = min(PULL_HZ, PULL_RATE * record.sampling_hz)
     inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
-    smooth = Pipeline(min(5.0 * hz, 0.2 * record.sampling_hz), 1)
+    smooth = Pipeline(min(20.0 * hz, 0.2 * record.sampling_hz), 1)  # slower: a lag of the drive
     motion = smooth.differentiate(record.q, record.dt)
     unit = inertia * 2.0 * np.pi * hz / loop.gain
     pull = Controller("pd", {"kp": unit * 2.0 * np.pi * hz, "kd": 1.4 * unit})
@@ -170,7 +171,8 @@ def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
     if along < -ALONG:
         return [Finding("q moves against its reference; check the signs of q and q_ref")]
     unit = "m" if loop.joint == "prismatic" else "rad"
-    if FOLLOWS[0] < done / asked < FOLLOWS[1]:
+    weak = along > ALONG and parity.after < PARITY_POOR  # a soft loop against a strong spring
+    if FOLLOWS[0] < done / asked < FOLLOWS[1] or weak:
         return []
     factor, signal = (asked / done, "q") if done > asked else (done / asked, "q_ref")
     remedy = looks_like(factor, loop.joint, signal) if along > ALONG else ""
