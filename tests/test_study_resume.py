@@ -267,7 +267,7 @@ def test_killed_at_random_times(tmp_path):
 
 @pytest.mark.slow
 def test_killed_at_random_times_many_rounds(tmp_path):
-    rounds(tmp_path, seeds=3000, jobs=2, most=60, longest=4.0)
+    rounds(tmp_path, seeds=6000, jobs=2, most=100, longest=6.0)
 
 
 def test_rows_in_memory_stay_flat(tmp_path):
