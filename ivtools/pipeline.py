@@ -24,6 +24,7 @@ np.empty(31 << 17)
 
 DECIMATION_ORDER = 8  # Chebyshev type I, as MATLAB's `decimate`
 DECIMATION_RIPPLE_DB = 0.05
+_AT_ONCE = 2_000_000  # numbers
 
 
 class Motion(NamedTuple):
@@ -314,10 +315,13 @@ class Pipeline:
         kept = columns[head : len(columns) - tail]
         if self.blank:
             kept = np.where(self._used(len(kept), speed)[:, np.newaxis], _columns(kept), 0.0)
-        smooth = _forward_backward(
-            _chebyshev(self.decimation), _columns(kept), pad=3 * DECIMATION_ORDER
-        )
-        return smooth[samples - head].reshape(-1, *columns.shape[1:])
+        kept, sos = _columns(kept), _chebyshev(self.decimation)
+        out, width = np.empty((len(samples), kept.shape[1]), order="F"), _width(len(kept))
+        for first in range(0, kept.shape[1], width):
+            block = slice(first, first + width)
+            smooth = _forward_backward(sos, kept[:, block], pad=3 * DECIMATION_ORDER)
+            out[:, block] = smooth[samples - head]
+        return out.reshape(-1, *columns.shape[1:])
 
     def _used(self, n: int, speed: Array | None) -> NDArray[np.bool_]:
         """Return which of n samples are neither trimmed nor masked, (n,)."""
@@ -340,6 +344,11 @@ class Pipeline:
         k = np.arange(n)
         last = np.minimum(k + self.guard + 1, n)
         return np.asarray(until[last] == until[np.maximum(k - self.guard, 0)])
+
+
+def _width(n: int) -> int:
+    """Return how many columns of n samples are filtered at once: all, but of a long record."""
+    return max(1, _AT_ONCE // n)
 
 
 def _require(holds: bool, name: str, value: object, rule: str) -> None:

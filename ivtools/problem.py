@@ -112,7 +112,7 @@ class Problem:
     def load(self) -> Array:
         """Known load, aligned as the force that meets it, N or N m, (n_samples, n_joints)."""
         if self.record.load is None:
-            return np.zeros_like(self.record.q)
+            return np.broadcast_to(0.0, self.record.q.shape)
         return self.pipeline.align(self.record.load)
 
     @cached_property
@@ -148,8 +148,13 @@ class Problem:
 
     def _through(self, motion: Motion, force: Array) -> Array:
         """Return the rows (regressor, force less load) of a trajectory, measured or simulated."""
-        columns = self.loop.regressor(motion, force, self.record.t - self.record.t[0])
-        return self.pipeline.rows(beside(columns, force - self.load), self._speed)
+        t = self.record.t
+        t = t - t[0] if t[0] != 0.0 else t  # a long record has no room for copies
+        columns, net = self.loop.regressor(motion, force, t), force - self.load
+        if columns.ndim == 2:
+            rows = self.pipeline.rows(columns, self._speed)
+            return beside(rows, self.pipeline.rows(net, self._speed))
+        return self.pipeline.rows(beside(columns, net), self._speed)
 
     # --- simulated -----------------------------------------------------------------------------
 

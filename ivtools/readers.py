@@ -141,6 +141,7 @@ def _joined(
     for i in list(kept):
         parts = kept.pop(i)
         table[names[i]] = parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0)])
+        table[names[i]].flags.writeable = False  # a record then needs no copy of its own
     return table
 
 
@@ -229,9 +230,9 @@ def _read_parquet(
     path: Path, layout: RecordFormat | None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     import pyarrow.parquet as pq
-    from pyarrow import types
+    from pyarrow import default_memory_pool, types
 
-    with pq.ParquetFile(path) as file:
+    with pq.ParquetFile(path, pre_buffer=False) as file:
         schema = file.schema_arrow
         limits.check_columns(schema.names)
         wanted = _wanted(schema.names, layout)
@@ -242,7 +243,9 @@ def _read_parquet(
         limits.check_size(file.metadata.num_rows * len(names))
         batches = file.iter_batches(max(_PIECE // max(len(names), 1), 100), columns=names)
         frames = (batch.to_pandas(ignore_metadata=True)[names] for batch in batches)
-        return _joined(frames, names, layout), ()
+        table = _joined(frames, names, layout)
+    default_memory_pool().release_unused()  # which else keeps as much as the file takes
+    return table, ()
 
 
 def _read_mat(

@@ -249,6 +249,7 @@ def quiet() -> Iterator[None]:
     """
     from threadpoolctl import threadpool_limits
 
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it cannot keep its fonts
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore", IVToolsWarning)
         warnings.simplefilter("ignore", RuntimeWarning)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -147,6 +148,7 @@ def _hear_warnings() -> None:
             seen.add(str(message))
             _say(f"warning: {message}")
 
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # our own line names the folder
     warnings.simplefilter("ignore")
     warnings.simplefilter("always", IVToolsWarning)
     warnings.showwarning = show

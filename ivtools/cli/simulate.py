@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,7 +70,8 @@ def simulate(
         from ivtools.pages import simulation_page
 
         texts.append(f"report: {write_page(simulation_page(measured, simulation, found), out)}")
-    write_json({"relative_error": errors}, json)
+    lost = {s: "the measured one is 0 throughout" for s, e in errors.items() if not isfinite(e)}
+    write_json({"relative_error": errors} | ({"reasons": lost} if lost else {}), json)
     show(*texts, json_file=json)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RecordError, ShapeError
+from ..limits import LARGEST
 from ..pipeline import Motion, Pipeline
 from ..pipelines import Pipelines
 from ..record import Record
@@ -53,8 +54,9 @@ class Simulation:
 
     @property
     def finite(self) -> bool:
-        """Whether the simulated loop stayed finite."""
-        return bool(np.isfinite(self.nu[-1]).all() and np.isfinite(self.q[-1]).all())
+        """Whether the simulated loop stayed finite, and its squares are numbers still."""
+        last = np.abs([*self.nu[-1], *self.q[-1]])
+        return bool((last <= LARGEST).all())
 
     def relative_error(
         self, record: Record, pipeline: Pipeline | Pipelines | None = None
