@@ -50,6 +50,8 @@ class Layout:
         What was not plain.
     rows : int
         How many rows the file seems to have, at least.
+    preamble : tuple of str
+        What is above the header, comments included.
     """
 
     names: tuple[str, ...]
@@ -60,6 +62,7 @@ class Layout:
     comment: str | None
     notes: tuple[str, ...]
     rows: int
+    preamble: tuple[str, ...]
 
 
 def sniff(path: Path) -> Layout:
@@ -109,6 +112,7 @@ def sniff(path: Path) -> Layout:
         comment=comment,
         notes=tuple(notes),
         rows=int(size / rate) - data[0][0],
+        preamble=tuple(line for i, line in _numbered(text) if i < start),
     )
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     Table = dict[str, NDArray[np.float64]]
 
-__all__ = ["SUFFIXES", "frame_table", "read_table"]
+__all__ = ["SUFFIXES", "frame_table", "preamble", "read_table"]
 
 #: The variables of the EMPS files, ours = theirs.
 EMPS = {"q": "qm", "q_ref": "qg", "nu": "vir", "added": "pulses_N"}
@@ -82,6 +82,14 @@ def read_table(
         raise DataError(
             f"cannot be read as {suffix[1:]}: {reason}; mend it or copy it again"
         ) from error
+
+
+def preamble(path: Path) -> tuple[str, ...]:
+    """Return the lines above the header of a text file."""
+    from ivtools.csv_layout import sniff
+
+    path, suffix = _checked(path)
+    return () if suffix in (".mat", ".parquet") else sniff(path).preamble
 
 
 def _checked(path: Path) -> tuple[Path, str]:

@@ -34,7 +34,7 @@ ORDER = [
     ("comparison",),
     ("inference", "estimators"),
     ("simulators",),
-    ("gap", "study", "leaderboard"),
+    ("gap", "guess", "study", "leaderboard"),
     ("plots",),
     ("report",),
     ("pages",),

@@ -15,6 +15,7 @@ import typer
 
 from ivtools import __version__
 from ivtools.cli import (
+    axis,
     benchmark,
     catalogue,
     compare,
@@ -47,7 +48,7 @@ _VERBS: Sequence[tuple[str, Callable[..., None]]] = (
     ("diagnose", diagnose.diagnose),
     ("benchmark", benchmark.benchmark),
     ("effects", catalogue.effects),
-    ("axis", catalogue.axis),
+    ("axis", axis.axis),
 )
 for _name, _verb in _VERBS:
     app.command(_name)(_verb)

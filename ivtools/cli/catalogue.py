@@ -1,11 +1,9 @@
-"""``ivtools effects`` and ``ivtools axis``: what there is."""
+"""``ivtools effects``: what there is."""
 
 from __future__ import annotations
 
 from textwrap import wrap
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from ivtools.cli import options
 from ivtools.cli.output import show, write_json
@@ -43,17 +41,3 @@ def _content(term: Term) -> dict[str, Any]:
         "parameters": parameters,
         "source": term.source,
     }
-
-
-def axis(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A registered axis, such as emps.")],
-    json: options.Json = None,
-) -> None:
-    """Print the axis file of a registered axis, to start your own from."""
-    import tomllib
-
-    from ivtools import axes
-
-    text = axes.path(name).read_text(encoding="utf-8")
-    write_json(tomllib.loads(text), json)
-    show(text.rstrip("\n"), json_file=json)

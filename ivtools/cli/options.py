@@ -92,7 +92,8 @@ def writable(path: Path | None) -> Path | None:
     return path
 
 
-def _file(path: Path | None) -> Path | None:
+def file(path: Path | None) -> Path | None:
+    """Refuse a path that cannot become a file; see `writable`."""
     if path is not None and path.is_dir():
         raise DataError(f"cannot write {path}: it is a folder; name a file in it")
     return writable(path)
@@ -108,12 +109,12 @@ def folder(path: Path | None) -> Path | None:
 Json = Annotated[
     Path | None,
     typer.Option(
-        "--json", metavar="FILE", callback=_file, help="Write the result as JSON; - for stdout."
+        "--json", metavar="FILE", callback=file, help="Write the result as JSON; - for stdout."
     ),
 ]
 Html = Annotated[
     Path | None,
-    typer.Option("--html", metavar="FILE", callback=_file, help="Write the page with the figures."),
+    typer.Option("--html", metavar="FILE", callback=file, help="Write the page with the figures."),
 ]
 Out = Annotated[
     Path | None,

@@ -1,0 +1,134 @@
+"""A stranger's log: its columns, units, clock and joint are found, or doubts are told."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from foreign_logs import STYLES, Log, draw
+
+from ivtools.cli import run
+from ivtools.columns import plain_name
+from ivtools.errors import IVToolsError
+from ivtools.guess import FirstAxis, first_axis
+from ivtools.guess.words import read
+from ivtools.loop import ClosedLoop
+from ivtools.record import Record
+from ivtools.units import parse
+
+
+def faults(log: Log, found: FirstAxis) -> list[str]:
+    """Return what was guessed wrong about a log."""
+    wrong = []
+    for signal, column in log.columns.items():
+        given = found.roles.columns.get(signal)
+        if signal in found.roles.columns and plain_name(given)[0] != plain_name(column)[0]:
+            wrong.append(f"{signal} is {column!r} and not {given!r}")
+        unit = parse(found.scales.units.get(signal, "kg"))
+        if (unit.factor, unit.si) != (parse(log.units[signal]).factor, parse(log.units[signal]).si):
+            wrong.append(f"{signal} is in {log.units[signal]} and not in {unit.text}")
+    if abs(found.record.sampling_hz / log.rate - 1.0) > 1e-3:
+        wrong.append(f"the rate is {log.rate} and not {found.record.sampling_hz}")
+    if found.loop.joint != log.joint:
+        wrong.append(f"the joint is {log.joint}")
+    return [*wrong, *(set(found.roles.columns) - set(log.columns))]
+
+
+def score(seeds, styles, folder) -> tuple[int, list[str]]:
+    told, right = [], 0
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        for style in styles:
+            log = draw(rng, folder, style)
+            try:
+                wrong = faults(log, first_axis(log.path))
+            except IVToolsError as error:
+                wrong = [str(error)]
+            right += not wrong
+            told += [f"{style} {seed}: {'; '.join(wrong)}"] * bool(wrong)
+    return right, told
+
+
+@pytest.mark.filterwarnings("ignore::ivtools.errors.IVToolsWarning")
+def test_logs_of_varied_naming(tmp_path):
+    styles = list(STYLES)[::2]
+    right, told = score([101], styles, tmp_path)
+    assert right >= len(styles) - 1, told
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ivtools.errors.IVToolsWarning")
+def test_the_population(tmp_path):
+    right, told = score([201, 202], STYLES, tmp_path)
+    assert right >= 0.9 * 2 * len(STYLES), told
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "side", "unit"),
+    [
+        ("Lagesollwert [mm]", "position", "reference", "mm"),
+        ("n_ist", "velocity", "actual", ""),
+        ("Zeit/ms", "time", "", "ms"),
+        ("Vitesse de rotation (tr/min)", "velocity", "", "tr/min"),
+        ("i_q", "current", "", ""),
+        ("Momentensollwert in %", "force", "reference", "%"),
+        ("pos_deg", "position", "", "deg"),
+        ("Schleppfehler", "other", "", ""),
+        ("following_error_actual", "other", "actual", ""),
+        ("θ", "position", "", ""),
+        ("Stellgröße [V]", "command", "", "V"),
+    ],
+)
+def test_names_in_several_languages(name, quantity, side, unit):
+    said = read(name)
+    assert (said.quantity, said.side, said.unit) == (quantity, side, unit)
+
+
+def servo_log(folder):
+    """Write the log of the usual servo: P-PI, mm, ms, semicolons, decimal commas, no velocity."""
+    rng = np.random.default_rng(5)
+    while True:
+        log = draw(rng, folder, "german")
+        if log.joint == "prismatic":
+            break
+    t, q, q_ref = log.record.t, log.record.q[:, 0], log.record.q_ref[:, 0]
+    nu = 100 * log.record.nu[:, 0] / 40.0
+    stamps = t + 0.2 * log.record.dt * rng.uniform(-1, 1, len(t))
+    lines = ["Zeit [ms];Istlage [mm];Solllage [mm];Drehmoment Soll [%]"]
+    lines += [f"{1e3 * a:.4f};{1e3 * b:.7f};{1e3 * c:.7f};{d:.6f}".replace(".", ",")
+              for a, b, c, d in zip(stamps, q, q_ref, nu, strict=True)]  # fmt: skip
+    path = folder / "servo.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path, log
+
+
+@pytest.mark.filterwarnings("ignore::ivtools.errors.IVToolsWarning")
+def test_the_axis_file_is_one_that_the_other_verbs_take(tmp_path, capsys):
+    path, log = servo_log(tmp_path)
+    file = tmp_path / "axis.toml"
+    assert run(["axis", "new", str(path), "--out", str(file)]) == 0
+    told = capsys.readouterr().out
+    assert "how it was found" in told and "CHECK" in told
+    assert all(len(line) <= 80 for line in told.splitlines() if str(tmp_path) not in line)
+    text = file.read_text(encoding="utf-8")
+    assert tomllib.loads(text)["record"]["units"] == {"t": "ms", "q": "mm", "q_ref": "mm",
+                                                      "nu": "%"}  # fmt: skip
+    loop = ClosedLoop.from_file(file)
+    assert loop.log.rate == log.rate
+    record = Record.read(path, loop.log)
+    assert np.allclose(record.q, log.record.q, atol=1e-9)
+    settings = loop.controller.settings
+    assert loop.controller.kind == "p-pi"
+    assert settings["kp"] == pytest.approx(log.loop.controller.settings["kp"], rel=0.02)
+    assert settings["ki"] == pytest.approx(log.loop.controller.settings["ki"], rel=0.02)
+    assert run(["identify", str(path), "--axis", str(file)]) == 0
+
+
+def test_what_is_no_log_is_one_line(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("name,age\n" + "\n".join(f"Jo{i},{i % 7}" for i in range(300)))
+    with pytest.raises(IVToolsError, match="no column could be found") as caught:
+        first_axis(file)
+    assert "\n" not in str(caught.value)
+    assert run(["axis", "new"]) == 2
+    assert run(["axis", "new", str(tmp_path / "none.csv")]) == 2
+    assert run(["axis", "emps", "extra.csv"]) == 2
