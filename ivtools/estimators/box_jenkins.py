@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.estimators.continuous import Hold
-from ivtools.estimators.transfer_function import SRIVC, Model
+from ivtools.estimators.transfer_function import SRIVC
+from ivtools.estimators.transfer_model import Model
 from ivtools.linalg import solve_iv
 from ivtools.linalg.noise import Criterion, NoiseModel
 
@@ -62,11 +63,9 @@ class RIVC(SRIVC):
         """Return an estimate without noise model, iterated a few times."""
         model = super()._start(u, y, dt)
         for _ in range(5):
-            F = self._stable(model.A, dt, least=20.0 / (len(y) * dt))
-            X, target = self._rows(u, y, F, dt)
-            Z, _ = self._rows(u, model.respond(u, dt, self.hold), F, dt)
-            keep = slice(self._settled(F, dt, len(y)), None)
-            model = self._model(solve_iv(X[keep], target[keep], Z[keep]), dt)
+            X, target = self._rows(u, y, model, dt)
+            Z, _ = self._rows(u, model.respond(u, dt, self.hold), model, dt)
+            model = self._model(solve_iv(X, target, Z), dt, model)
         return model
 
     def _whitener(self, model: Model, u: Array, y: Array, dt: float) -> NoiseModel:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.estimators.continuous import close_loop
-from ivtools.estimators.transfer_function import SRIVC, Model
+from ivtools.estimators.transfer_function import SRIVC
+from ivtools.estimators.transfer_model import Model
 from ivtools.loop.controllers import Seen
 
 if TYPE_CHECKING:

@@ -86,7 +86,9 @@ def exponents(roots: ArrayLike, dt: float, hold: Hold) -> NDArray[np.complex128]
     return np.asarray(np.log(np.where(z == 0.0, 1e-300, z)) / dt)
 
 
-def derivatives(x: ArrayLike, A: ArrayLike, dt: float, hold: Hold = "foh") -> Array:
+def derivatives(
+    x: ArrayLike, A: ArrayLike, dt: float, hold: Hold = "foh", delay: float = 0.0
+) -> Array:
     """Filter a signal by s^i / A(s), i = 0 ... n, from rest; in delta where the hold is Euler's.
 
     Parameters
@@ -99,6 +101,9 @@ def derivatives(x: ArrayLike, A: ArrayLike, dt: float, hold: Hold = "foh") -> Ar
         Sampling step, s.
     hold : {"foh", "zoh", "euler"}
         How the signal runs between samples: straight, or held; "euler" reads A in delta.
+    delay : float
+        Of the signal, s, 0 or more; before its first sample it is taken for that one. A part of a
+        step is exact for a held signal, and an interpolation for others.
 
     Returns
     -------
@@ -118,23 +123,85 @@ def derivatives(x: ArrayLike, A: ArrayLike, dt: float, hold: Hold = "foh") -> Ar
     """
     x, A = np.asarray(x, dtype=float), np.asarray(A, dtype=float)
     n = len(A) - 1
+    late, part = _split(delay, dt)
+    if part and hold == "zoh" and n:
+        return _between(x, A, dt, late, part)
+    x = (1.0 - part) * lagged(x, late) + part * lagged(x, late + 1) if delay else x
     if n == 0:
         return x[:, None].copy()
-    F, G = np.eye(n, k=1), np.eye(n)[:, -1:]  # states are s^0 ... s^(n-1) of x / A
-    F[-1] = -A[:0:-1]
-    scale = max(float(np.abs(np.roots(A)).max()), 1e-12) ** np.arange(n)  # of like size
-    F, G = F * scale / scale[:, None], G / scale[:, None]
+    F, G, scale = _companion(A)
     Ad, Bd, _, Dd, _ = cont2discrete((F, G, np.eye(n), np.zeros((n, 1))), dt, method=hold)
     start = -Dd[:, 0] * x[0]  # at rest: a straight input enters the state of this form at once
     states = _march(np.ascontiguousarray(Ad), np.ascontiguousarray(Bd[:, 0]), x, start)
     states += x[:, None] * Dd[:, 0]
-    states *= scale
-    top = x - states @ A[:0:-1]
-    return np.column_stack([states, top])
+    return _with_top(states * scale, x, A)
 
 
-def respond(B: ArrayLike, A: ArrayLike, u: ArrayLike, dt: float, hold: Hold = "zoh") -> Array:
-    """Return the response (n_samples,) of B(s)/A(s) from rest.
+def free_response(A: ArrayLike, n_samples: int, dt: float, hold: Hold = "foh") -> Array:
+    """Return the responses of s^i / A(s), i = 0 ... n - 1, to an impulse at the first sample.
+
+    Examples
+    --------
+    >>> free_response([1.0, 10.0], 3, 0.1).ravel().round(4).tolist()
+    [1.0, 0.3679, 0.1353]
+    """
+    A = np.asarray(A, dtype=float)
+    F, G, scale = _companion(A)
+    n = len(scale)
+    held = "zoh" if hold == "foh" else hold
+    Ad = cont2discrete((F, G, np.eye(n), np.zeros((n, 1))), dt, method=held)[0]
+    nothing, b = np.zeros(n_samples), np.zeros(n)
+    return np.asarray(_march(np.ascontiguousarray(Ad), b, nothing, G[:, 0].copy()) * scale)
+
+
+def lagged(x: Array, samples: int) -> Array:
+    """Return a signal some samples late, its first value before it."""
+    return np.concatenate([np.full(min(samples, len(x)), x[0]), x])[: len(x)]
+
+
+def _split(delay: float, dt: float) -> tuple[int, float]:
+    """Return whole samples and the part of one in a delay; rounding is no part."""
+    late = int(np.floor(delay / dt + 1e-9))
+    part = delay / dt - late
+    return late, part if part > 1e-9 else 0.0
+
+
+def _between(x: Array, A: Array, dt: float, late: int, part: float) -> Array:
+    """Filter a held signal that changes a part of a step after the samples, as `derivatives`."""
+    older, newer = lagged(x, late + 1), lagged(x, late)
+    F, G, scale = _companion(A)
+    n = len(scale)
+    system = F, G, np.eye(n), np.zeros((n, 1))
+    (A1, B1), (A2, B2) = (cont2discrete(system, h * dt)[:2] for h in (part, 1.0 - part))
+    Ad, rest = np.ascontiguousarray(A2 @ A1), np.zeros(n)
+    states = _march(Ad, np.ascontiguousarray((A2 @ B1)[:, 0]), older, rest)
+    states += _march(Ad, np.ascontiguousarray(B2[:, 0]), newer, rest)
+    return _with_top(states * scale, older, A)
+
+
+def _companion(A: Array) -> tuple[Array, Array, Array]:
+    """Return F, G of states s^0 ... s^(n-1) of x / A over a scale that makes them of like size."""
+    n = len(A) - 1
+    F, G = np.eye(n, k=1), np.eye(n)[:, -1:]
+    F[-1] = -A[:0:-1]
+    scale = max(float(np.abs(np.roots(A)).max()), 1e-12) ** np.arange(n)
+    return F * scale / scale[:, None], G / scale[:, None], scale
+
+
+def _with_top(states: Array, x: Array, A: Array) -> Array:
+    """Return states and s^n of x / A beside them."""
+    return np.column_stack([states, x - states @ A[:0:-1]])
+
+
+def respond(
+    B: ArrayLike,
+    A: ArrayLike,
+    u: ArrayLike,
+    dt: float,
+    hold: Hold = "zoh",
+    delay: float = 0.0,
+) -> Array:
+    """Return the response (n_samples,) of B(s)/A(s) from rest to an input, so much late.
 
     Examples
     --------
@@ -142,7 +209,7 @@ def respond(B: ArrayLike, A: ArrayLike, u: ArrayLike, dt: float, hold: Hold = "z
     np.float64(2.0)
     """
     B = np.atleast_1d(np.asarray(B, dtype=float))
-    columns = derivatives(u, A, dt, hold)
+    columns = derivatives(u, A, dt, hold, delay)
     return np.asarray(columns[:, : len(B)] @ B[::-1])
 
 

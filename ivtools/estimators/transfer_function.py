@@ -18,12 +18,12 @@ from ivtools.errors import ConvergenceWarning, EstimationError, RecordError
 from ivtools.estimators.continuous import (
     Hold,
     derivatives,
-    exponents,
+    free_response,
     reflect,
     reflect_delta,
-    respond,
 )
-from ivtools.estimators.transfer_results import TransferFunctionResults
+from ivtools.estimators.transfer_model import Model, held
+from ivtools.estimators.transfer_results import System, TransferFunctionResults
 from ivtools.linalg import solve_iv
 
 if TYPE_CHECKING:
@@ -32,32 +32,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Signal = Literal["q_ref", "nu", "q", "dq"]
 
-_SETTLE = 0.1  # most of the record that a filter's transient may cost
-_SETTLING = 10  # iterations after which noise model and rows are held: they may alternate
-
-
-@dataclass(frozen=True)
-class Model:
-    """A(s) y = B(s) u + offset, or the same in delta, with what the iteration needs of it.
-
-    Attributes
-    ----------
-    A, B : ndarray
-        Polynomials, highest power first; A is monic.
-    offset : float
-    """
-
-    A: Array
-    B: Array
-    offset: float
-
-    def respond(self, u: Array, dt: float, hold: Hold) -> Array:
-        """Return the response (n_samples,) from rest; a constant input stands for the offset."""
-        noise_free = respond(self.B, self.A, u, dt, hold)
-        if self.offset == 0.0:
-            return noise_free
-        held: Hold = "euler" if hold == "euler" else "zoh"
-        return noise_free + respond([self.offset], self.A, np.ones(len(u)), dt, held)
+_SETTLING = 10  # iterations after which the noise model is held: it may alternate
+_LATEST = 0.05  # of the record: the largest delay that is looked for
 
 
 @dataclass(frozen=True)
@@ -67,9 +43,9 @@ class SRIVC:
     Filters input and output by 1/A, takes the noise-free output of the last model as instruments,
     solves, repeats. Statistically efficient if the output error is white. Unbiased whatever the
     error is as long as the input does not know it; biased from command to position or velocity of
-    a closed loop, whose command carries the noise (see `CLSRIVC`): by -1.7 % where a coloured
-    disturbance of 3 mm acts on the position of the EMPS, not visibly where an encoder's white noise
-    of 10 um does. Intervals are too narrow where noise acts on the force (they cover 60 to 80 %).
+    a closed loop, whose command carries the noise (see `CLSRIVC`), unless that noise is white.
+    The state at the first sample is estimated with the rest: what is known of a signal starts
+    there, in the filters as well.
 
     Parameters
     ----------
@@ -81,9 +57,14 @@ class SRIVC:
         Signals of the record; "dq" is the backward difference of the position if the record has no
         velocity.
     offset : bool
-        Estimate a constant input beside the measured one.
+        Estimate a constant input beside the measured one. Without offset and integrator the output
+        is 0 where the input has been 0 for long.
     hold : {"zoh", "foh"}
         How the input runs between samples: held as a command is, or straight.
+    initial : {"estimate", "rest"}
+        Estimate the state at the first sample, or take the axis to rest there.
+    delay : float or "estimate"
+        Of the input, s; in discrete time whole samples.
     start : sequence of float, optional
         Starting coefficients in the order of `names`. Default: the best of several
         state-variable-filter estimates.
@@ -116,6 +97,8 @@ class SRIVC:
     output: Signal = "q"
     offset: bool = True
     hold: Hold = "zoh"
+    initial: Literal["estimate", "rest"] = "estimate"
+    delay: float | Literal["estimate"] = 0.0
     start: Sequence[float] | None = None
     tol: float = 1e-4
     max_iter: int = 50
@@ -128,6 +111,9 @@ class SRIVC:
             raise EstimationError(f"zeros = {self.zeros} must be 0 to {self.poles - 1}")
         if not 0 <= self.integrators <= self.poles:
             raise EstimationError(f"integrators = {self.integrators} must be 0 to {self.poles}")
+        known = isinstance(self.delay, int | float)
+        if self.delay != "estimate" and not (known and 0.0 <= float(self.delay) < np.inf):
+            raise EstimationError(f"delay = {self.delay!r} must be 0 or more, s, or 'estimate'")
         if self.start is not None and len(self.start) != len(self.names):
             raise EstimationError(
                 f"start has {len(self.start)} values; the structure has {', '.join(self.names)}"
@@ -143,40 +129,43 @@ class SRIVC:
         """
         start = perf_counter()
         u, y = signal(problem, self.input), signal(problem, self.output)
-        first = y[0]
-        model, Z, rows, n_iter, converged = self.iterate(u, y - first, problem)
+        level = float(y[0]) if self.offset or self.integrators else 0.0  # which those absorb
+        model, system, n_iter, converged = self.iterate(u, y - level, problem)
         if not converged:
             warnings.warn(
                 f"{self.key} has not converged in {n_iter} iterations; take fewer poles and zeros",
                 ConvergenceWarning,
                 stacklevel=2,
             )
-        simulated = first + model.respond(u, problem.record.dt, self.hold)
+        simulated = level + self.run(model, u, y - level, problem.record.dt)
         return TransferFunctionResults.of(
-            self, model, y, simulated, rows, Z, problem, self._memory(model, problem),
+            self, model, y, simulated, system, problem,
             n_iter=n_iter, converged=converged, runtime=perf_counter() - start,
         )  # fmt: skip
 
-    def iterate(
-        self, u: Array, y: Array, problem: Problem
-    ) -> tuple[Model, Array, tuple[Array, Array], int, bool]:
-        """Return the model, the instruments, the rows (X, target), iterations and convergence."""
+    def run(self, model: Model, u: Array, y: Array, dt: float) -> Array:
+        """Return the free-running output (n_samples,) of a model that began as y did."""
+        if self.initial == "rest":
+            return model.respond(u, dt, self.hold)
+        return model.settled_on(u, y, dt, self.hold)
+
+    def iterate(self, u: Array, y: Array, problem: Problem) -> tuple[Model, System, int, bool]:
+        """Return the model, the system that it solves, the iterations and whether they met."""
         dt = problem.record.dt
         model = self._start(u, y, dt)
         for n_iter in range(1, self.max_iter + 1):  # noqa: B007
-            F = self._stable(model.A, dt, least=20.0 / (len(y) * dt))  # a filter has to forget
-            X, target = self._rows(u, y, F, dt)  # (N, p), (N,)
-            Z, _ = self._rows(*self.noise_free(model, u, problem), F, dt)  # (N, p)
+            X, target = self._rows(u, y, model, dt)  # (N, p), (N,)
+            Z, _ = self._rows(*self.noise_free(model, u, problem), model, dt)  # (N, p)
             if n_iter <= _SETTLING:
                 whiten = self._whitener(model, u, y, dt)
-                keep = slice(self._settled(F, dt, len(y)), None)
-            X, target, Z = whiten(X), whiten(target), whiten(Z)
-            X, target, Z = X[keep], target[keep], Z[keep]
-            old, model = self.coefficients(model), self._model(solve_iv(X, target, Z), dt)
-            new, weight = self.coefficients(model), np.linalg.norm(X, axis=0)  # (p,), (p,)
+            system = System(whiten(X), whiten(target), whiten(Z))
+            old, theta = self.coefficients(model), solve_iv(*system)
+            model = self._model(theta, dt, model)
+            new = self.coefficients(model)
+            weight = np.linalg.norm(system.X[:, : len(new)], axis=0)  # (p,)
             if np.linalg.norm(weight * (new - old)) <= self.tol * np.linalg.norm(weight * new):
-                return model, Z, (X, target), n_iter, True
-        return model, Z, (X, target), self.max_iter, False
+                return model, system, n_iter, True
+        return model, system, self.max_iter, False
 
     def noise_free(self, model: Model, u: Array, problem: Problem) -> tuple[Array, Array]:
         """Return input and output of the last model: what the instruments are made of."""
@@ -189,66 +178,90 @@ class SRIVC:
     def _start(self, u: Array, y: Array, dt: float) -> Model:
         """Return the best of several state-variable-filter estimates, by its simulation."""
         if self.start is not None:
-            return self._model(np.asarray(self.start, dtype=float), dt)
-        best, least = None, np.inf
+            theta = np.asarray(self.start, dtype=float)
+            delay = float(theta[-1]) if self.delay == "estimate" else 0.0
+            return self._model(theta, dt, Model(np.ones(1), np.ones(1), delay=delay))
+        models = [self._first(u, y, dt, late) for late in self._delays(len(y), dt)]
+        return min(models, key=lambda model: self._misfit(model, u, y, dt))
+
+    def _delays(self, n: int, dt: float) -> list[float]:
+        """Return the delays, s, from which an estimate may start."""
+        if self.delay != "estimate":
+            return [float(self.delay)]
+        samples = np.geomspace(1.0, max(_LATEST * n, 2.0), 12).astype(int)
+        return [dt * late for late in dict.fromkeys([0, *samples.tolist()])]
+
+    def _first(self, u: Array, y: Array, dt: float, delay: float) -> Model:
+        """Return the best of several state-variable-filter estimates, by its simulation."""
+        models = []
         for speed in np.geomspace(2.0, 0.2 / dt, 7):  # rad/s
             F = np.asarray(np.poly(np.full(self.poles, -speed)), dtype=float)
-            X, target = self._rows(u, y, F, dt)
-            keep = slice(self._settled(F, dt, len(y)), None)
-            model = self._model(solve_iv(X[keep], target[keep]), dt)
-            error = float(np.linalg.norm(y - model.respond(u, dt, self.hold)))
-            if best is None or error < least:
-                best, least = model, error
-        assert best is not None
-        return best
+            model = Model(F, np.zeros(self.zeros + 1), delay=delay)
+            X, target = self._rows(u, y, model, dt)
+            used = [i for i, name in enumerate(self._columns) if name != "delay"]
+            theta = np.zeros(len(self._columns))
+            theta[used] = solve_iv(X[:, used], target)
+            models.append(self._model(theta, dt, model))
+        return min(models, key=lambda model: self._misfit(model, u, y, dt))
 
-    def _stable(self, A: Array, dt: float, least: float = 0.0) -> Array:
-        """Return A with unstable roots reflected, all of them decaying by `least`, 1/s, or more."""
-        return reflect_delta(A, dt, least) if self.hold == "euler" else reflect(A, least)
+    def _misfit(self, model: Model, u: Array, y: Array, dt: float) -> float:
+        return float(np.linalg.norm(y - model.respond(u, dt, self.hold)))
 
-    def _settled(self, F: Array, dt: float, n: int) -> int:
-        """Return the samples after which a filter 1/F has forgotten its start."""
-        slowest = np.min(np.abs(exponents(np.roots(F), dt, self.hold).real))
-        return int(min(8.0 / (slowest * dt), _SETTLE * n))
+    def _rows(self, u: Array, y: Array, model: Model, dt: float) -> tuple[Array, Array]:
+        """Return X (N, p) and target (N,) of s^n y = -a s^(n-1) y ... + b s^m u ... + offset.
 
-    def _memory(self, model: Model, problem: Problem) -> int:
-        """Return the lags over which the error of the rows is correlated by their own filter."""
-        dt, n = problem.record.dt, problem.record.n_samples
-        F = self._stable(model.A, dt, least=20.0 / (n * dt))
-        slowest = np.min(np.abs(exponents(np.roots(F), dt, self.hold).real))
-        return int(min(3.0 / (slowest * dt), 0.25 * n))
-
-    def _rows(self, u: Array, y: Array, F: Array, dt: float) -> tuple[Array, Array]:
-        """Return X (N, p) and target (N,) of s^n y = -a s^(n-1) y ... + b s^m u ... + offset."""
-        n, m, k = self.poles, self.zeros, self.integrators
+        Filtered by 1/A of a model, so that a white output error stays white from the first sample.
+        """
+        n, m, k, F = self.poles, self.zeros, self.integrators, model.A
         straight: Hold = "euler" if self.hold == "euler" else "foh"
-        held: Hold = "euler" if self.hold == "euler" else "zoh"
-        Y, U = derivatives(y, F, dt, straight), derivatives(u, F, dt, self.hold)
+        Y, U = derivatives(y, F, dt, straight), derivatives(u, F, dt, self.hold, model.delay)
         columns = [-Y[:, n - 1 : k - 1 if k else None : -1][:, : n - k], U[:, m::-1][:, : m + 1]]
         if self.offset:
-            columns.append(derivatives(np.ones(len(y)), F, dt, held)[:, :1])
+            columns.append(derivatives(np.ones(len(y)), F, dt, held(self.hold))[:, :1])
+        if self._moves:
+            columns.append(model.lateness(u, F, dt, self.hold)[:, np.newaxis])
+        if self.initial == "estimate":
+            columns.append(free_response(F, len(y), dt, self.hold))
         return np.hstack(columns), Y[:, n]
 
-    def _model(self, theta: Array, dt: float) -> Model:
+    def _model(self, theta: Array, dt: float, last: Model) -> Model:
         """Return the model of a solution, unstable roots reflected."""
+        values = dict(zip(self._columns, theta.tolist(), strict=False))
         free = self.poles - self.integrators
         A = self._stable(np.concatenate([[1.0], theta[:free]]), dt)
         A = np.concatenate([A, np.zeros(self.integrators)])
         B = theta[free : free + self.zeros + 1]
-        return Model(A, B, float(theta[-1]) if self.offset else 0.0)
+        moved = float(np.clip(values.get("delay", 0.0), -dt, dt)) if last.B.any() else 0.0
+        initial = theta[len(self.names) :]
+        return Model(A, B, values.get("offset", 0.0), initial, max(last.delay + moved, 0.0))
+
+    def _stable(self, A: Array, dt: float) -> Array:
+        """Return A with unstable roots reflected."""
+        return reflect_delta(A, dt) if self.hold == "euler" else reflect(A)
 
     def coefficients(self, model: Model) -> Array:
-        """Return the free coefficients (p,) of a model, in the order of the columns."""
+        """Return the free coefficients (p,) of a model, in the order of `names`."""
         free = self.poles - self.integrators
-        offset = [model.offset] if self.offset else []
-        return np.concatenate([model.A[1 : free + 1], model.B, offset])
+        offset, delay = [model.offset] * self.offset, [model.delay] * self._moves
+        return np.concatenate([model.A[1 : free + 1], model.B, offset, delay])
+
+    @property
+    def _moves(self) -> bool:
+        """Whether the delay is a parameter that changes continuously."""
+        return self.delay == "estimate" and self.hold != "euler"
+
+    @property
+    def _columns(self) -> tuple[str, ...]:
+        """Names of the columns: the coefficients, and the initial conditions."""
+        count = self.poles if self.initial == "estimate" else 0
+        return (*self.names, *(f"c{i}" for i in range(count)))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the free coefficients: a1 ..., b0 ..., offset."""
+        """Names of the free coefficients: a1 ..., b0 ..., offset, delay."""
         a = [f"a{i + 1}" for i in range(self.poles - self.integrators)]
         b = [f"b{i}" for i in range(self.zeros + 1)]
-        return (*a, *b, *(["offset"] if self.offset else []))
+        return (*a, *b, *["offset"] * self.offset, *["delay"] * self._moves)
 
 
 def signal(problem: Problem, name: Signal) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,17 +13,51 @@ from numpy.typing import NDArray
 from ivtools.display import plain
 from ivtools.errors import EstimationError
 from ivtools.estimates import Estimates
-from ivtools.linalg import automatic_bandwidth, covariance, influence
+from ivtools.linalg.noise import NoiseModel
 from ivtools.tables import Text, rounded, table, two_columns
 
 if TYPE_CHECKING:
     import control
 
-    from ivtools.estimators.transfer_function import SRIVC, Model
+    from ivtools.estimators.transfer_function import SRIVC
+    from ivtools.estimators.transfer_model import Model
     from ivtools.problem import Problem
     from ivtools.record import Record
 
 Array = NDArray[np.float64]
+
+
+class System(NamedTuple):
+    """What the last step of an iteration solved: X theta = target + error, by instruments.
+
+    Attributes
+    ----------
+    X, target, Z : ndarray, (N, p), (N,), (N, p)
+        Initial conditions are the last columns.
+    """
+
+    X: Array
+    target: Array
+    Z: Array
+
+    def covariance(self) -> Array:
+        """Return the covariance (p, p) of the solution, the error an autoregression.
+
+        With G = Z'X and H the filter that colours white noise of variance s2 it is
+        G^-1 s2 (H'Z)'(H'Z) G^-T.
+
+        References
+        ----------
+        T. Soderstrom, P. Stoica, *Instrumental Variable Methods for System Identification*,
+        Springer, 1983, section 4.3.
+        """
+        size = np.linalg.norm(self.X, axis=0)
+        X, Z = self.X / size, self.Z / np.linalg.norm(self.Z, axis=0)
+        G = np.linalg.solve(Z.T @ X, Z.T)  # (p, N)
+        resids = self.target - X @ (G @ self.target)
+        noise = NoiseModel.fit(resids - resids.mean(), criterion="bic", fitted=X)
+        coloured = noise.reach(G.T) * noise.sigma  # (N, p)
+        return np.asarray(coloured.T @ coloured / np.outer(size, size))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,12 +72,13 @@ class TransferFunctionResults(Estimates):
         Free coefficients a1 ... (of monic A), b0 ..., offset, in powers of s; in powers of delta,
         (z - 1) / dt, where the method is one of discrete time.
     cov : DataFrame (p, p)
-        Their covariance, robust to autocorrelation of the error. Where the noise acts on the force
-        the error is nearly integrated, and the intervals are still too narrow.
+        Their covariance, the error of the filtered equation an autoregression.
     A, B : ndarray
         Denominator and numerator, highest power first.
+    delay : float
+        Of the input, s; the system of python-control is without it.
     y, simulated : (n_samples,) ndarray
-        Measured output and that of the model, free-running from its first sample.
+        Measured output and that of the model, free-running from its initial conditions.
     t : (n_samples,) ndarray
         Time, s.
     yic : float
@@ -63,6 +98,7 @@ class TransferFunctionResults(Estimates):
     cov: pd.DataFrame
     A: Array
     B: Array
+    delay: float
     y: Array
     simulated: Array
     t: Array
@@ -80,26 +116,18 @@ class TransferFunctionResults(Estimates):
         model: Model,
         y: Array,
         simulated: Array,
-        rows: tuple[Array, Array],
-        Z: Array,
+        system: System,
         problem: Problem,
-        memory: int,
         **status: Any,
     ) -> TransferFunctionResults:
-        """Complete a model by its simulation, covariance and YIC.
-
-        The kernel of the covariance is at least as long as `memory`, in samples.
-        """
-        (X, target), theta = rows, estimator.coefficients(model)
-        resids = target - X @ theta  # (N,)
+        """Complete a model by its simulation, covariance and YIC."""
+        theta, p = estimator.coefficients(model), len(estimator.names)
         index = pd.Index(list(estimator.names))
-        bandwidth = automatic_bandwidth(influence(X, Z) * resids[:, np.newaxis])
-        bandwidth = min(max(bandwidth, memory), len(X) - 1)
-        cov = covariance(X, resids, Z, "hac", bandwidth=bandwidth)
+        cov = system.covariance()[:p, :p]
         variance = np.var(y - simulated) if np.var(y) > 0.0 else 0.0
-        size = np.linalg.norm(Z, axis=0)  # units must not decide which directions count
+        Z, size = system.Z, np.linalg.norm(system.Z, axis=0)  # units must not decide what counts
         spread = variance * np.diag(np.linalg.pinv((Z / size).T @ (Z / size), hermitian=True))
-        spread = spread / size**2  # (p,)
+        spread = (spread / size**2)[:p]
         known = np.abs(theta) > 0.0
         yic = -math.inf
         if variance > 0.0:
@@ -111,6 +139,7 @@ class TransferFunctionResults(Estimates):
             cov=pd.DataFrame(cov, index=index, columns=index),
             A=model.A,
             B=model.B,
+            delay=model.delay,
             y=y,
             simulated=simulated,
             t=problem.record.t,
@@ -185,8 +214,6 @@ class TransferFunctionResults(Estimates):
 
     def simulate(self, u: Array, dt: float, first: float = 0.0) -> Array:
         """Return the free-running output (n_samples,) for another input, from rest at `first`."""
-        from ivtools.estimators.transfer_function import Model
-
         u = np.asarray(u, dtype=float)
         if u.ndim != 1:
             raise EstimationError(f"the input has shape {u.shape}; give (n_samples,)")
@@ -195,16 +222,26 @@ class TransferFunctionResults(Estimates):
             raise EstimationError(
                 f"dt = {dt:g} s, but {self.method} is a model of {own:g} s per sample; use rivc"
             )
-        model = Model(self.A, self.B, float(self.params.get("offset", 0.0)))
-        return first + model.respond(u, dt, self.estimator.hold)
+        return first + self._model.respond(u, dt, self.estimator.hold)
+
+    @property
+    def _model(self) -> Model:
+        """The model at rest."""
+        from ivtools.estimators.transfer_model import Model
+
+        return Model(self.A, self.B, float(self.params.get("offset", 0.0)), delay=self.delay)
 
     def cross_test(self, record: Record) -> float:
-        """Return the relative error on another record of the same axis, free-running, in %."""
+        """Return the relative error on another record of the same axis, free-running, in %.
+
+        The initial conditions are those that suit that record best, as in the fit.
+        """
         from ivtools.estimators.transfer_function import signal
 
-        other = replace(self.problem, record=record)
-        u, y = signal(other, self.estimator.input), signal(other, self.estimator.output)
-        simulated = self.simulate(u, record.dt, float(y[0]))
+        e, other = self.estimator, replace(self.problem, record=record)
+        u, y = signal(other, e.input), signal(other, e.output)
+        level = float(y[0]) if e.offset or e.integrators else 0.0
+        simulated = level + e.run(self._model, u, y - level, record.dt)
         return 100.0 * float(np.linalg.norm(y - simulated) / np.linalg.norm(y))
 
     def to_dict(self) -> dict[str, Any]:
@@ -218,6 +255,7 @@ class TransferFunctionResults(Estimates):
             "poles": e.poles,
             "zeros": e.zeros,
             "integrators": e.integrators,
+            "delay": self.delay,
             "params": plain(self.params),
             "std_errors": plain(self.std_errors),
             "numerator": self.B.tolist(),
