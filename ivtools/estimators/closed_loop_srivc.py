@@ -31,7 +31,8 @@ class CLSRIVC(SRIVC):
 
     Parameters
     ----------
-    poles, zeros, integrators, input, output, offset, hold, start, tol, max_iter
+    poles, zeros, integrators, input, output, offset, hold, initial, delay, start, tol,
+    max_iter
         See `SRIVC`; the input is nu and the output q, and the offset is on by default.
 
     References

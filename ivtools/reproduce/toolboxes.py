@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ivtools.record import Record
 
 CASES: dict[str, SRIVC] = {
-    "command to position": RIVC(poles=2, zeros=0, input="nu", output="q", offset=False),
+    "command to position": RIVC(poles=2, zeros=0, offset=False, initial="rest"),
     "command to velocity": RIVC(poles=1, zeros=0, input="nu", output="dq", offset=False),
     "reference to position": SRIVC(
         poles=2, zeros=0, input="q_ref", output="q", offset=False, hold="foh"
@@ -27,13 +27,14 @@ CASES: dict[str, SRIVC] = {
 NOTES = (
     "The report prints neither structures nor settings; ours are RIVC with two poles, RIVC with "
     "one, and SRIVC with two, none with a constant input.",
-    "Command to position: two free poles with a noise model come out as a slow pole where the "
-    "integrator is, as bad as printed. With the integrator held at s = 0 the error is 64 %, and "
-    "8 % once a constant input is estimated too: most of it is the offset, integrated.",
-    "Command to velocity: one pole does far better than printed (16 % by SRIVC, 19 % with a noise "
-    "model). SRIVC with three poles, no zero and a constant input comes near the printed pair "
-    "(49 %, 0.76): a structure with more poles than the axis has is a likely reason. What "
-    "stays with one is dry friction, which no transfer function has.",
+    "Command to position: two free poles with a noise model, from rest, come out as a slow pole "
+    "where the integrator is, as bad as printed. With the integrator held at s = 0, a constant "
+    "input and the state at the first sample estimated it is a few per cent: most of the error "
+    "is the offset, integrated.",
+    "Command to velocity: one pole does far better than printed (16 % by SRIVC, 21 % with a noise "
+    "model). What stays with one is dry friction, which no transfer function has. A search over "
+    "detrending, resampling, method, structure and initial conditions is in "
+    "benchmarks/results/report_digits.md.",
     "Reference to position: the controller hides the plant; any second-order system near 20 Hz "
     "with unit gain fits, and says nothing about friction.",
 )
