@@ -184,7 +184,7 @@ def _companion(A: Array) -> tuple[Array, Array, Array]:
     n = len(A) - 1
     F, G = np.eye(n, k=1), np.eye(n)[:, -1:]
     F[-1] = -A[:0:-1]
-    scale = max(float(np.abs(np.roots(A)).max()), 1e-12) ** np.arange(n)
+    scale: Array = np.asarray(max(float(np.abs(np.roots(A)).max()), 1e-12) ** np.arange(n), float)
     return F * scale / scale[:, None], G / scale[:, None], scale
 
 
