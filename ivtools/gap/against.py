@@ -17,7 +17,7 @@ from ..simulators.difference import Difference, difference
 from ..tables import Text, table
 from .diagnosis import Diagnosis
 
-Diagnose = Callable[[Record, "Record | None"], Diagnosis]
+Diagnose = Callable[..., Diagnosis]  # of a record and a holdout; named=False names nothing
 _ALL = 0.97  # of the reducible gap: what closes more needs no other answer
 
 
@@ -69,16 +69,25 @@ def against(
     pairs = [(record, simulated), (holdout, simulated_holdout)]
     logs = [(a, b) for a, b in pairs if a is not None and b is not None]
     lacking = [difference(real, sim, loop) for real, sim in logs]
-    found = diagnose(lacking[0].record, lacking[1].record if len(lacking) > 1 else None)
+    found = diagnose(*_records(lacking))
+    if found.negligible:  # a difference of two logs is right to first order only
+        if found.effects:
+            found = diagnose(*_records(lacking), named=False)
+        return _told(replace(found, verdict="adequate"), lacking, surplus=False)
     if found.verdict != "adequate" and _closed(found) < _ALL:
         try:
             turned = [difference(sim, real, loop) for real, sim in logs]
-            other = diagnose(turned[0].record, turned[1].record if len(turned) > 1 else None)
+            other = diagnose(*_records(turned))
         except IVToolsError:
             other = None  # the simulator's log alone carries no diagnosis
         if other is not None and _closed(other) > _closed(found):
             return _told(other, turned, surplus=True)
     return _told(found, lacking, surplus=False)
+
+
+def _records(pairs: list[Difference]) -> tuple[Record, Record | None]:
+    """Return the record of a diagnosis, and its holdout."""
+    return pairs[0].record, pairs[1].record if len(pairs) > 1 else None
 
 
 def _closed(found: Diagnosis) -> float:

@@ -93,10 +93,11 @@ def diagnose(
     ('asymmetric-viscous',)
     """
 
-    def found(one: Record, other: Record | None) -> Diagnosis:
+    def found(one: Record, other: Record | None, named: bool = True) -> Diagnosis:
         third = judge if simulated is None else None  # of the axis itself, not of a difference
         task = _Task(one, loop, other, third, tolerance, tuple(extra), tuple(without))
-        return _diagnose(task, rules or Rules(), progress or _mute)
+        kept = rules or Rules()
+        return _diagnose(task, kept if named else replace(kept, most=0), progress or _mute)
 
     with _one_blas_thread():
         if simulated is None:

@@ -189,8 +189,13 @@ class Diagnosis:
             return ""
         percent = f"{s.of_force(s.before):.2g} % of the force"
         text = f"{quantity(s.before, s.unit, 3)} rms, {percent}"
-        small = s.gap < 0.01 * self.tolerance * s.force
-        return f"negligible: {text}, floor included" if small else text
+        return f"negligible: {text}, floor included" if self.negligible else text
+
+    @property
+    def negligible(self) -> bool:
+        """Whether the gap is below the tolerance."""
+        s = self.shrink
+        return s is not None and s.gap < 0.01 * self.tolerance * s.force
 
     def _lines(self) -> list[str]:
         lines = [f"verdict: {self.verdict} ({VERDICTS[self.verdict]})"]
