@@ -319,20 +319,14 @@ class Problem:
     def _least_squares(self) -> dict[str, float]:
         """Least squares of the model's terms, or, if its inertia is absurd, beside others."""
         if isinstance(self.loop, RobotLoop):
-            return self._slow_least_squares(self.loop)
+            guess = self.loop.first_guess(self.record)
+            return {name: guess[name] for name in self.names}
         theta = solve_iv(self.X, self.y, names=self.names)
         if "inertia" in self.names and not self._plausible(theta[self.names.index("inertia")]):
             places = position_columns(self.motion.q[:, 0], self.loop.joint)
             places = self.pipeline.rows(places, self._speed)
             theta = start_values(self.X, self.y, places)
         return dict(zip(self.names, theta.tolist(), strict=True))
-
-    def _slow_least_squares(self, loop: RobotLoop) -> dict[str, float]:
-        """Least squares of a robot in the band of its references, made possible."""
-        slow = replace(self, pipeline=loop.start_pipeline(self.record))
-        theta = solve_iv(slow.X, slow.y, names=self.names)
-        values = loop.possible(loop.values(theta), self.record, lambda: slow.X)
-        return {name: values[name] for name in self.names}
 
     def _plausible(self, inertia: float) -> bool:
         """Whether an inertia is near the one of the axis file, or else of the record."""

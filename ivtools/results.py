@@ -21,6 +21,7 @@ from ivtools.errors import EstimationError
 from ivtools.estimates import Estimates
 from ivtools.goodness import ErrorFigures, Goodness
 from ivtools.hypothesis import WithTests
+from ivtools.joint_figures import joint_notes, robot_dict
 from ivtools.tables import Text, dashed, rounded, table, two_columns
 
 if TYPE_CHECKING:
@@ -274,6 +275,7 @@ class FitResults(Estimates, Goodness, WithTests):
             "n_iter": int(self.n_iter),
             "converged": bool(self.converged),
             "tests": {k: t.to_dict() for k, t in self.tests().items()} if tests else {},
+            **robot_dict(self),
         }
 
     def summary(self, alpha: float = 0.05, limit: float = 10.0) -> Text:
@@ -299,7 +301,7 @@ class FitResults(Estimates, Goodness, WithTests):
             + [rounded(low, std)[0], rounded(up, std)[0], "*" if name in weak else ""]
             for name, unit, value, std, relative, low, up in self.frame(alpha).to_records().tolist()
         ]
-        notes = list(self.notes)
+        notes = [*self.notes, *joint_notes(self)]
         if weak:
             notes.insert(0, f"* relative deviation above {limit:g} %: not identifiable from this "
                             "record")  # fmt: skip

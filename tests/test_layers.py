@@ -28,7 +28,7 @@ ORDER = [
     ("loop",),
     ("axes", "digest"),
     ("problem",),
-    ("estimates", "goodness", "hypothesis"),
+    ("estimates", "goodness", "hypothesis", "joint_figures"),
     ("results", "transfer_table"),
     ("recommendation",),
     ("comparison",),

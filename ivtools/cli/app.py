@@ -25,6 +25,7 @@ from ivtools.cli import (
     export,
     identify,
     reproduce,
+    robot,
     simulate,
 )
 from ivtools.cli.output import INTERRUPTED
@@ -54,6 +55,7 @@ for _name, _verb in _VERBS:
     app.command(_name)(_verb)
 app.add_typer(data.app, name="data")
 app.add_typer(export.app, name="export")
+app.add_typer(robot.app, name="robot")
 
 
 def _version(wanted: bool) -> None:

@@ -7,6 +7,7 @@ import sys
 import tomllib
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from ivtools.cli.options import Friction
 from ivtools.errors import AxisError, DataError, RecordWarning, shown
 
 if TYPE_CHECKING:
-    from ivtools.loop import ClosedLoop
+    from ivtools.loop import ClosedLoop, RobotLoop
     from ivtools.record import Record
 
 _FRICTION = ("viscous", "coulomb", "offset", "asymmetric-friction")
@@ -27,12 +28,13 @@ def load(
     data: Path | None = None,
     friction: Friction | None = None,
     known: bool = True,
-) -> tuple[Record, ClosedLoop]:
+    robot: Path | None = None,
+) -> tuple[Record, ClosedLoop | Any]:
     """Return the record and the loop that a command names.
 
     Parameters
     ----------
-    record, axis, data, friction
+    record, axis, data, friction, robot
         As on the command line.
     known : bool
         Whether a controller that is to be identified is, from the record.
@@ -45,12 +47,36 @@ def load(
     from ivtools import datasets
     from ivtools.gap.preflight import doubts
 
+    if robot is not None:
+        return _load_robot(record, robot, axis, data, friction, known)
     loop = load_axis(axis or own_axis(record))
     found = datasets.load(record, data, loop.log)
     loop = loop.known(found) if known else loop
     for doubt in doubts(found, loop):
         warnings.warn(f"{found.name}: {doubt}", RecordWarning, stacklevel=2)
     return found, with_friction(loop, friction)
+
+
+def _load_robot(
+    record: str,
+    robot: Path,
+    axis: str | None,
+    data: Path | None,
+    friction: Friction | None,
+    known: bool,
+) -> tuple[Record, RobotLoop]:
+    """Return the record and the loop of a robot."""
+    from ivtools import datasets
+    from ivtools.loop import RobotLoop
+
+    if axis is not None:
+        raise AxisError("--axis and --robot exclude each other; a robot file has its joints' axes")
+    loop = RobotLoop.from_file(robot)
+    found = datasets.load(record, data, loop.log)
+    loop = loop.known(found) if known else loop
+    if friction is not None:
+        loop = replace(loop, axes=[with_friction(axis, friction) for axis in loop.axes], start={})
+    return found, loop
 
 
 def load_axis(axis: str) -> ClosedLoop:

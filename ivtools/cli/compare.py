@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     Method = Estimator | SRIVC
 
 DEFAULT = ("idim-ls", "idim-iv", "idim-bciv", "didim")
+DEFAULT_ROBOT = "idim-ls, idim-wls, idim-iv, didim"
 
 
 @dataclass
@@ -37,6 +38,7 @@ class Fits:
 def compare(
     record: options.Record,
     axis: options.Axis = None,
+    robot: options.Robot = None,
     holdout: options.Holdout = None,
     methods: Annotated[
         str | None,
@@ -61,8 +63,8 @@ def compare(
     from ivtools.cli.case import load
     from ivtools.comparison import compare as side_by_side
 
-    estimators = _estimators(methods, cov)
-    measured, loop = load(record, axis, data)
+    estimators = _estimators(methods or (DEFAULT_ROBOT if robot else None), cov)
+    measured, loop = load(record, axis, data, robot=robot)
     other = None
     if holdout is not None:
         other = datasets.load(holdout, data, loop.log)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 def identify(
     record: options.Record,
     axis: options.Axis = None,
+    robot: options.Robot = None,
     method: Annotated[
         str, typer.Option("--method", metavar="METHOD", help="Method; an unknown one lists all.")
     ] = "idim-ls",
@@ -50,7 +51,7 @@ def identify(
     estimator = estimator_class(method)(cov_type=cov.value)
     if (payload is None) != (mass is None):
         raise EstimationError("--payload and --mass belong together: a record, and its weight")
-    measured, loop = load(record, axis, data, friction)
+    measured, loop = load(record, axis, data, friction, robot=robot)
     from ivtools.problem import Problem
 
     problem = Problem(measured, loop)

@@ -57,6 +57,10 @@ Axis = Annotated[
         help="Axis file (TOML) or registered axis; default: the data set's own.",
     ),
 ]
+Robot = Annotated[
+    Path | None,
+    typer.Option("--robot", metavar="FILE", help="Robot file (TOML), for a record of n joints."),
+]
 Holdout = Annotated[
     str | None,
     typer.Option("--holdout", metavar="RECORD", help="Another record of the same axis."),

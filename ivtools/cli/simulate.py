@@ -15,6 +15,7 @@ from ivtools.errors import AxisError, EstimationError, IVToolsError, IVToolsWarn
 
 if TYPE_CHECKING:
     from ivtools.loop import ClosedLoop
+    from ivtools.loop.simulation import Simulation
     from ivtools.record import Record
     from ivtools.tables import Text
 
@@ -24,6 +25,7 @@ LOST = 20.0  # % of the position; a loop that follows stays below 1 %
 def simulate(
     record: options.Record,
     axis: options.Axis = None,
+    robot: options.Robot = None,
     theta: Annotated[
         Path | None,
         typer.Option(
@@ -42,7 +44,7 @@ def simulate(
     from ivtools.cli.case import load, load_theta, with_friction
 
     given = load_theta(theta) if theta is not None else None
-    measured, loop = load(record, axis, data, friction)
+    measured, loop = load(record, axis, data, friction, robot=robot)
     if given is None and friction is None and measured.theta_true is not None:
         given, source = dict(measured.theta_true), "true parameters of the record"
     else:
@@ -64,19 +66,25 @@ def simulate(
             IVToolsWarning,
             stacklevel=2,
         )
-    found = _table(errors, source)
+    joints = _joint_errors(simulation, measured)
+    found = _table(joints or {"": errors}, source)
     texts: list[object] = [found]
     if out is not None:
         from ivtools.pages import simulation_page
 
         texts.append(f"report: {write_page(simulation_page(measured, simulation, found), out)}")
     lost = {s: "the measured one is 0 throughout" for s, e in errors.items() if not isfinite(e)}
-    write_json({"relative_error": errors} | ({"reasons": lost} if lost else {}), json)
+    more = ({"reasons": lost} if lost else {}) | ({"joints": joints} if joints else {})
+    write_json({"relative_error": errors} | more, json)
     show(*texts, json_file=json)
 
 
 def _default(record: Record, loop: ClosedLoop) -> tuple[dict[str, float], str]:
     """Return the axis file's parameters, else those that least squares finds in the record."""
+    if len(loop.joints) > 1:
+        from ivtools.problem import Problem
+
+        return Problem(record, loop).start, "least squares in the band of the references"
     try:
         return loop.values(), "starting values of the axis file"
     except AxisError:
@@ -90,10 +98,23 @@ def _default(record: Record, loop: ClosedLoop) -> tuple[dict[str, float], str]:
         return {str(k): float(v) for k, v in fit.params.items()}, "IDIM-LS on this record"
 
 
-def _table(errors: dict[str, float], source: str) -> Text:
-    """Return the relative errors as a table."""
+def _joint_errors(simulation: Simulation, record: Record) -> dict[str, dict[str, float]]:
+    """Return the relative errors per joint of a robot; none for one axis."""
+    names = simulation.loop.joints
+    if len(names) == 1:
+        return {}
+    return {
+        name: simulation.joint(j, record).relative_error(record.joint(j))
+        for j, name in enumerate(names)
+    }
+
+
+def _table(errors: dict[str, dict[str, float]], source: str) -> Text:
+    """Return the relative errors as a table: a column per joint, or one alone."""
     from ivtools.tables import table
 
-    rows = [[signal, f"{error:.5g}"] for signal, error in errors.items()]
-    header = ["signal", "relative error, %"]
-    return table("Simulated against measured", [], header, rows, [f"parameters: {source}"])
+    signals = list(next(iter(errors.values())))
+    rows = [[signal, *(f"{e[signal]:.5g}" for e in errors.values())] for signal in signals]
+    header = ["signal", *(name or "relative error, %" for name in errors)]
+    notes = [f"parameters: {source}", *["relative errors in %"][: len(errors) - 1]]
+    return table("Simulated against measured", [], header, rows, notes)

@@ -213,6 +213,11 @@ def _control(laws, outside, quantum, whole, w, k, p, on, out):
         w.sent[j, whole[j] + 1 + k] = out[3, j, k] = value
 
 
+@compiled
+def _finite(x):
+    return np.isfinite(np.sum(x.q) + np.sum(x.v))
+
+
 @cached()
 def run(dt, least, laws, outside, quantum, arm, user, work, out):
     """Simulate the closed loop; fill out (4, n, n_samples) with q, dq, ddq, nu.
@@ -253,14 +258,14 @@ def run(dt, least, laws, outside, quantum, arm, user, work, out):
                 t = k * dt + spans[i] + m * h
                 if not advance(arm, here, there, x, y, mode, after, h, tau, rise, t, user, a):
                     out[:, :, k:] = np.nan
-                    return False
+                    return not _finite(x)
                 copy(y, x)
                 if i == 0 and m == 0:
                     for j in range(n):
                         out[2, j, k] = a[j]
             for j in range(n):
                 force[j] = target[j] + lead[j]
-        if not np.isfinite(x.q[0] + x.v[0]):
+        if not _finite(x):
             out[:, :, k + 1 :] = np.nan
             return True
     return True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -209,6 +209,20 @@ def _text(table: str, key: str, value: Any) -> str:
 
 def write(loop: ClosedLoop) -> str:
     """Return the axis file of a loop; see `ClosedLoop.to_toml`."""
+    tables = {tuple(name.split(".")): content for name, content in axis_tables(loop).items()}
+    blocks = [toml_table(parts, content) for parts, content in tables.items() if content]
+    notes = "\n".join(f"# {note}" for note in loop.notes)
+    return "\n\n".join([notes] * bool(notes) + blocks) + "\n"
+
+
+def axis_tables(loop: ClosedLoop) -> dict[str, Mapping[str, Any]]:
+    """Return the tables of a loop's axis file.
+
+    Raises
+    ------
+    AxisError
+        If the model has a term of your own, which a file cannot hold.
+    """
     controller = loop.controller
     for term in loop.terms:
         if TERMS.get(term.name) is not term:
@@ -221,7 +235,7 @@ def write(loop: ClosedLoop) -> str:
         "limit": controller.limit,
         **_surroundings(controller),
     }
-    tables: dict[str, Mapping[str, Any]] = {
+    return {
         "axis": {"name": loop.name, "joint": loop.joint},
         "record": loop.log.to_dict(),
         "controller": settings,
@@ -230,13 +244,12 @@ def write(loop: ClosedLoop) -> str:
         "model.start": loop.start,
         "pipeline": {k: list(v) if k == "trim" else v for k, v in loop.rows.items()},
     }
-    blocks = [
-        "\n".join([f"[{name}]", *(f"{_key(k)} = {_toml(v)}" for k, v in content.items())])
-        for name, content in tables.items()
-        if content
-    ]
-    notes = "\n".join(f"# {note}" for note in loop.notes)
-    return "\n\n".join([notes] * bool(notes) + blocks) + "\n"
+
+
+def toml_table(parts: Sequence[str], content: Mapping[str, Any]) -> str:
+    """Return a table in TOML; `parts` are its name and those of the tables around it."""
+    head = ".".join(_key(part) for part in parts)
+    return "\n".join([f"[{head}]", *(f"{_key(k)} = {_toml(v)}" for k, v in content.items())])
 
 
 def _surroundings(controller: Controller) -> dict[str, Any]:

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import AxisError, ShapeError
+from ..linalg import solve_iv
 from ..physics import Parameter, Term, find
-from ..pipeline import Motion
+from ..pipeline import Motion, Pipeline
 from ..pipelines import Pipelines
 from ..record import Record
 from ..record_format import RecordFormat
@@ -20,6 +23,7 @@ from ..robot.base import Base, group, preference, random_motion
 from ..robot.consistent import nearest
 from ..robot.robot import Robot
 from .closed_loop import ClosedLoop
+from .default_pipeline import SLOW
 from .model import Array, Model, Theta
 from .simulation import Simulation
 
@@ -31,6 +35,7 @@ SINGULAR = (
     "parameters of links that can exist"
 )
 _BAND = 3.0  # of a motion's own band, for a first guess
+_FASTEST = 0.1  # of the sampling rate: the highest cut-off of a filter
 _POSES = 50  # of a record, at which the mass matrix is looked at
 _UNITS = {1: "kg", 2: "kg m", 3: "kg m2"}  # by the power of the length, plus one
 
@@ -104,6 +109,25 @@ class RobotLoop(Model):
             if key not in self.parameters:
                 raise AxisError(f"start value {key!r} is not a parameter of robot {self.name!r}")
 
+    @classmethod
+    def from_file(cls, path: str | Path) -> RobotLoop:
+        """Read a robot file (TOML).
+
+        Raises
+        ------
+        AxisError
+            If the file or the model that it names cannot be read, or says what is not understood.
+        """
+        from .robot_file import read
+
+        return read(path)
+
+    def to_toml(self, model: str) -> str:
+        """Return the robot file of this loop, `model` being its URDF or MJCF file."""
+        from .robot_file import write
+
+        return write(self, model)
+
     # --- the model -------------------------------------------------------------------------------
 
     @property
@@ -172,6 +196,11 @@ class RobotLoop(Model):
             for name, p in axis.parameters.items():
                 found[f"{joint}.{name}"] = replace(p, unit=p.unit_for(axis.joint))
         return found
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """Names of the columns of a record file, ours = theirs."""
+        return self.log.columns
 
     @property
     def units(self) -> dict[str, str]:
@@ -328,9 +357,9 @@ class RobotLoop(Model):
         record : Record
             Says where the robot moves.
         theta : mapping, Series or array_like, optional
-            Parameters; default: the starting values.
+            Parameters; default: the first guess of the record.
         """
-        values = self.values(theta)
+        values = self.first_guess(record) if theta is None else self.values(theta)
         own, axis = self.joint_values(joint, values), self.axes[joint]
         terms = [t for t in axis.terms if t.name != "inertia"]
         start = {name: own[name] for t in terms for name in t.names}
@@ -488,30 +517,71 @@ class RobotLoop(Model):
 
         A sequence among the settings has one value per joint.
         """
-        self._check(record)
-        found = []
+        guess, found = self.first_guess(record), []
         for j in range(self.n_joints):
             own = {k: v[j] if isinstance(v, list) else v for k, v in settings.items()}
-            found.append(self.axis(j, record).pipeline(record.joint(j), **own))
+            axis = self.axis(j, record, guess)
+            natural = axis.natural_frequency_hz(record.dt, axis.start["inertia"])
+            if natural > _FASTEST * record.sampling_hz / 5.0:  # the inertia is hardly known
+                own.setdefault("cutoff_hz", _FASTEST * record.sampling_hz)
+            found.append(axis.pipeline(record.joint(j), **own))
         common = {
             "decimation": min(p.decimation for p in found),
             "trim": tuple(max(p.trim[i] for p in found) for i in range(2)),
         }
         return Pipelines(tuple(replace(p, **common) for p in found))  # type: ignore[arg-type]
 
-    def start_pipeline(self, record: Record) -> Pipelines:
-        """Return pipelines for a first guess: they keep the band that the references move in.
+    def first_guess(self, record: Record) -> dict[str, float]:
+        """Return least squares in the band that the references move in, made possible.
 
         Noise of the encoders, differentiated twice, biases least squares with the cut-off's fifth
-        power; a start needs no more of the motion than what carries most of its acceleration.
+        power; a first guess needs no more of the motion than what carries its acceleration. The
+        filters of the rest come from it, for the inertia of the drives is in no model of a robot.
+        Stated starting values count instead.
         """
+        kept = _GUESSES.setdefault(record, {})
+        if id(self) not in kept:
+            kept[id(self)] = (self, self._guess(record))
+        return dict(kept[id(self)][1])
+
+    def _guess(self, record: Record) -> dict[str, float]:
+        self._check(record)
+        pipelines = self._band_pipelines(record)
+        motion = pipelines.differentiate(record.q, record.dt)
+        force = pipelines.align(self.force(record))
+        force = force - (0.0 if record.load is None else record.load)
+        columns = self.regressor(motion, force, record.t - record.t[0])
+        rows = pipelines.rows(np.concatenate([columns, force.T[:, :, np.newaxis]], 2), motion.dq)
+        X, y = rows[:, :-1], rows[:, -1]
+        theta = solve_iv(X, y, names=self.names)
+        return self.possible(self.values(theta) | dict(self.start), record, lambda: X)
+
+    def _band_pipelines(self, record: Record) -> Pipelines:
+        """Return pipelines that keep a few times the band in which each joint moves."""
         moved = record.q if record.q_ref is None else record.q_ref
-        bands = [_BAND * band_hz(x, record.dt) for x in moved.T]
-        usual = self.pipeline(record)
-        cutoffs = [
-            min(band, p.cutoff_hz or band) for band, p in zip(bands, usual.joints, strict=True)
-        ]
-        return self.pipeline(record, cutoff_hz=cutoffs)
+        highest = _FASTEST * record.sampling_hz
+        found = []
+        for x, axis in zip(moved.T, self.axes, strict=True):
+            band = min(_BAND * band_hz(x, record.dt), highest)
+            speed = np.abs(np.gradient(x, record.dt)).max()
+            shift = 0.5 + axis.delay / record.dt
+            # the rule's natural frequency is a fifth of its cut-off
+            found.append(
+                Pipeline.from_bandwidth(
+                    band / 5.0,
+                    record.sampling_hz,
+                    force_shift=shift,
+                    min_speed=SLOW * float(speed),
+                    blank=True,
+                )
+            )
+        decimation = min(p.decimation for p in found)
+        trim = max(p.trim[0] for p in found)
+        trim = min(trim, record.n_samples // 10)
+        return Pipelines(tuple(replace(p, decimation=decimation, trim=(trim, trim)) for p in found))
+
+
+_GUESSES: WeakKeyDictionary[Record, dict[int, Any]] = WeakKeyDictionary()
 
 
 def band_hz(q: Array, dt: float) -> float:

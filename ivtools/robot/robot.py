@@ -198,6 +198,10 @@ class Robot:
             found[joint.link] = described(standard(P))
         return found
 
+    def with_gravity(self, gravity: tuple[float, float, float]) -> Robot:
+        """Return this robot mounted another way: gravity in its base frame, m/s2."""
+        return replace(self, gravity=gravity)
+
     def with_tool(
         self,
         link: str,
