@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import matplotlib as mpl
@@ -190,3 +191,15 @@ def test_colours_differ_for_the_colour_blind():
 
     measured, model = (luminance(style.COLOURS[name]) for name in ("measured", "model"))
     assert measured - model > 0.25
+
+
+def test_figures_drawn_in_threads_are_those_drawn_alone(twin):
+    """Matplotlib's settings are those of the process: one thread draws at a time."""
+    fits = [iv.IDIMLS().fit(iv.Problem(twin.slice(0, 4000 + k), iv.axes.emps())) for k in range(4)]
+
+    def drawn(fit) -> bytes:
+        return style.encode(plots.residuals([fit]))
+
+    alone = [drawn(fit) for fit in fits]
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(drawn, fits * 4)) == alone * 4
