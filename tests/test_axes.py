@@ -1,0 +1,142 @@
+"""Default settings on drawn axes: units, controllers, rates, motions and noises that nothing was
+tuned on."""
+
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from ivtools.errors import ConvergenceWarning
+from ivtools.estimators.base import estimator_class
+from ivtools.loop.default_pipeline import LEAST
+from ivtools.study.named import load
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.axes.population import population  # noqa: E402
+
+QUICK = ("idim-ls", "idim-iv", "didim", "idim-bciv", "idim-piv")
+SEARCHED = ("clie", "cloe")
+EXACT = {"idim-ls": 3e-3, "idim-iv": 3e-3, "didim": 3e-3, "cloe": 5e-3}
+
+
+def fitted(case, method, seed=0, rule=None):
+    """Return a fit and its error relative to the truth, (p,), and in standard errors, (p,)."""
+    record = case.record(seed)
+    problem = iv.Problem(record, case.loop, rule and case.loop.pipeline(record, rule))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        fit = estimator_class(method)().fit(problem)
+    true = np.array([case.theta[name] for name in problem.names])
+    error = fit.params.reindex(problem.names).to_numpy() - true
+    return fit, error / np.abs(true), error / fit.std_errors.reindex(problem.names).to_numpy()
+
+
+def quiet(case):
+    """Return a case without any noise."""
+    return replace(case, encoder_noise=0.0, quantum=0.0, force_noise=0.0)
+
+
+def check_truth(cases, methods):
+    for case in map(quiet, cases):
+        for method in methods:
+            fit, relative, _ = fitted(case, method)
+            assert fit.converged, (case.name, method)
+            found = np.abs(relative).max()
+            if method == "cloe" and case.name.split()[1] in ("p-pi", "pi-velocity"):
+                found = np.abs(relative[:3]).max()  # integral action hides the offset
+            assert found < EXACT.get(method, 1e-3), (case.name, method, relative)
+
+
+def check_population(cases, methods):
+    """Check that nothing claims to have converged where it has gone astray."""
+    scores = {method: [] for method in methods}
+    for case in cases:
+        for method in methods:
+            fit, relative, score = fitted(case, method)
+            assert fit.converged, (case.name, method, relative)
+            assert np.abs(score).max() < 5.0, (case.name, method, score)
+            scores[method].append(score)
+    for method, found in scores.items():
+        means = np.mean(found, axis=0)
+        assert np.abs(means).max() < 4.0 / np.sqrt(len(found)), (method, means)
+        assert np.mean(np.abs(found) < 2.0) > 0.85, method
+
+
+def test_a_record_without_noise_gives_the_truth_back():
+    check_truth(population(8, seed=31), QUICK)
+    check_truth(population(3, seed=32), SEARCHED)
+
+
+@pytest.mark.slow
+def test_records_without_noise_give_the_truth_back():
+    check_truth(population(100, seed=33), (*QUICK, *SEARCHED))
+
+
+def test_no_estimate_goes_astray():
+    noisy = [case for case in population(16, seed=34) if case.force_noise]
+    check_population(noisy, ("idim-iv", "idim-bciv", "idim-piv"))
+
+
+@pytest.mark.slow
+def test_no_estimate_goes_astray_on_many_axes():
+    noisy = [case for case in population(300, seed=35) if case.force_noise]
+    check_population(noisy, ("idim-iv", "idim-bciv", "idim-piv", "didim", "clie"))
+
+
+def test_strong_stiction_without_a_mask_is_no_trap():
+    """What has not converged says so and has no standard errors, and is not far off."""
+    for case in population(3, seed=7, stiction=1, noise="force"):
+        fit, relative, score = fitted(case, "idim-piv", rule="report")
+        assert np.abs(relative).max() < 0.2
+        if fit.converged:
+            assert np.abs(score).max() < 5.0
+        else:
+            assert np.isnan(fit.std_errors).all()
+            assert any("no solution" in note for note in fit.notes)
+
+
+@pytest.mark.parametrize("case", population(6, seed=36), ids=lambda case: case.name)
+def test_the_mask_leaves_rows_that_have_a_direction(case):
+    record = case.record(0)
+    problem = iv.Problem(record, case.loop)
+    moving = problem.pipeline.moving(record.n_samples, problem.motion.dq)
+    assert moving.mean() >= LEAST
+    true = case.simulation(0).dq
+    wrong = np.sign(true[moving]) != np.sign(problem.motion.dq[moving])
+    assert wrong.mean() < 2e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.35, 0.5, 0.7, 1.4, 2.0])
+def test_no_fixed_cut_off_is_much_better(factor):
+    """The default is within a factor of 2 of the others, in RMSE over five records, as a rule."""
+    ratios = []
+    for case in population(12, seed=37, noise="white"):
+        errors = {1.0: [], factor: []}
+        for seed in range(5):
+            record = case.record(seed)
+            for scale, found in errors.items():
+                cutoff = scale * case.loop.pipeline(record).cutoff_hz
+                if cutoff > 0.4 * record.sampling_hz:
+                    continue
+                pipeline = case.loop.pipeline(record, cutoff_hz=cutoff)
+                fit = iv.IDIMIV().fit(iv.Problem(record, case.loop, pipeline))
+                true = np.array(list(case.theta.values()))
+                found.append(np.mean((fit.params.to_numpy() / true - 1.0) ** 2))
+        if errors[factor]:
+            ratios.append(np.sqrt(np.mean(errors[1.0]) / np.mean(errors[factor])))
+    assert np.mean(np.array(ratios) < 2.0) >= 0.9
+
+
+def test_the_study_has_its_axes_and_noises():
+    study = load("axes")
+    axes, noises = ({case.factors[key] for case in study.cases} for key in ("axis", "noise"))
+    assert len(axes) >= 12 and len(noises) == 4 and len(study.cases) == len(axes) * len(noises)
+    kinds = {case.loop.controller.kind for case in study.cases}
+    assert {"pd", "cascade-pd", "p-pi", "pi-velocity", "p-velocity", "state-space"} <= kinds
+    assert {case.loop.joint for case in study.cases} == {"prismatic", "revolute"}
