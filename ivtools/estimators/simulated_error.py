@@ -14,6 +14,7 @@ from ivtools.errors import AxisError, EstimationError
 from ivtools.estimators.base import Estimator
 from ivtools.estimators.iteration import Start, Way, check_iteration, near, starting_values
 from ivtools.estimators.sensitivities import STEP, Signal, SimulatedSignal, scans
+from ivtools.linalg.covariance import effective_rows
 from ivtools.results import FitResults
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+SHOWN_ROWS = 10  # that a parameter must move, effectively, to be estimated from the motion
 _PROMISE = 0.05  # share of the error that one more linear step may promise to remove at a minimum
 _STILL = 1e-4  # or such a step may be as large as this, in sizes of the parameters
 
@@ -212,6 +214,7 @@ class SimulatedError(Estimator):
         """Complete the minimum; the sensitivities take the place of X."""
         model = best.model
         linear = best.error + best.J @ best.theta  # (N,), of which best.error is the residual
+        hidden = list(hardly_shown(best)) if self.signal == "position" else []
         results = FitResults.from_solution(
             self.key,
             best.theta,
@@ -222,11 +225,25 @@ class SimulatedError(Estimator):
             cov_type=self.cov_type,
             n_iter=best.n_iter,
             n_simulations=spent,
-            converged=best.converged,
-            notes=(f"the error is that of the simulated {self.signal}", *at_bounds(best)),
+            converged=best.converged and not hidden,
+            notes=(f"the error is that of the simulated {self.signal}", *hidden, *at_bounds(best)),
             extras={"signal": self.signal},
         )
         return replace(results, y=model.measured, problem=problem)
+
+
+def hardly_shown(found: Minimum) -> Iterator[str]:
+    """Yield a remark for each parameter that moves the signal in a few rows only.
+
+    Integral action takes back what an offset does to the position: it shows while the integrator
+    settles at the start, if at all, where it stands for an error of the initial state.
+    """
+    for name, rows in zip(found.model.free, effective_rows(found.J), strict=True):
+        if rows < SHOWN_ROWS:
+            yield (
+                f"{name} shows in {rows:.0f} rows only; the controller takes back what it does, so "
+                "estimate it from the force (clie)"
+            )
 
 
 def stationary(J: Array, error: Array, theta: Array, sizes: Array) -> bool:
