@@ -233,16 +233,18 @@ class SimulatedError(Estimator):
 
 
 def hardly_shown(found: Minimum) -> Iterator[str]:
-    """Yield a remark for each parameter that moves the signal in a few rows only.
+    """Yield a remark for each parameter that moves the signal in a few rows at the start only.
 
     Integral action takes back what an offset does to the position: it shows while the integrator
     settles at the start, if at all, where it stands for an error of the initial state.
     """
-    for name, rows in zip(found.model.free, effective_rows(found.J), strict=True):
-        if rows < SHOWN_ROWS:
+    energy = np.cumsum(found.J**2, axis=0)  # (N, p)
+    early = energy[len(energy) // 10] > 0.9 * energy[-1]
+    for name, rows, first in zip(found.model.free, effective_rows(found.J), early, strict=True):
+        if first and rows < SHOWN_ROWS:
             yield (
-                f"{name} shows in {rows:.0f} rows only; the controller takes back what it does, so "
-                "estimate it from the force (clie)"
+                f"{name} shows in {rows:.0f} rows at the start only; the controller takes back what "
+                "it does, so estimate it from the force (clie)"
             )
 
 
