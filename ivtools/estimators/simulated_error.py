@@ -243,8 +243,8 @@ def hardly_shown(found: Minimum) -> Iterator[str]:
     for name, rows, first in zip(found.model.free, effective_rows(found.J), early, strict=True):
         if first and rows < SHOWN_ROWS:
             yield (
-                f"{name} shows in {rows:.0f} rows at the start only; the controller takes back what "
-                "it does, so estimate it from the force (clie)"
+                f"{name} shows in {rows:.0f} rows at the start only: the controller takes back "
+                "what it does, so estimate it from the force (clie)"
             )
 
 
