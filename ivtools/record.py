@@ -280,6 +280,12 @@ class Record:
         name = self.name if self.n_joints == 1 else f"{self.name}, joint {j + 1}"
         return self.replace(name=name, theta_true=None, **parts)
 
+    def plot(self, joint: int = 0) -> object:
+        """Return the figure of what was logged of a joint, counted from 0."""
+        from ivtools.plots.record import record
+
+        return record(self, joint)
+
     def __repr__(self) -> str:
         joints = f"{self.n_joints} joint{'s' if self.n_joints > 1 else ''}"
         return (

@@ -35,6 +35,7 @@ ORDER = [
     ("inference", "estimators"),
     ("simulators",),
     ("gap", "guess", "study", "leaderboard"),
+    ("suitability",),
     ("plots",),
     ("report",),
     ("pages",),
@@ -44,6 +45,7 @@ ORDER = [
 RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}
 #: Methods that open a room to the right when they are called; nothing else may.
 LATE = {
+    ("suitability", "plots"): "suitability.plot()",
     ("datasets", "axes"): "twin() is simulated by the loop of a registered axis",
     ("hypothesis", "inference"): "results offer their own tests",
     ("loop", "simulators"): "ClosedLoop.from_mjcf()",

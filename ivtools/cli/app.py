@@ -18,6 +18,7 @@ from ivtools.cli import (
     axis,
     benchmark,
     catalogue,
+    check,
     compare,
     data,
     demo,
@@ -36,7 +37,7 @@ DONE, FAILED, AT_FAULT = 0, 1, 2
 
 app = typer.Typer(
     name="ivtools",
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -49,7 +50,9 @@ _VERBS: Sequence[tuple[str, Callable[..., None]]] = (
     ("diagnose", diagnose.diagnose),
     ("benchmark", benchmark.benchmark),
     ("effects", catalogue.effects),
+    ("methods", catalogue.methods),
     ("axis", axis.axis),
+    ("check", check.check),
 )
 for _name, _verb in _VERBS:
     app.command(_name)(_verb)
@@ -68,7 +71,7 @@ def _version(wanted: bool) -> None:
 def _root(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Show the version."),
+        typer.Option("--version", "-V", callback=_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
     """Identify a controlled axis from closed-loop records, simulate it, compare.
@@ -127,7 +130,7 @@ def _ended_by(error: BaseException) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     if isinstance(error, KeyboardInterrupt) or type(error).__name__ == "Abort":
-        _say("interrupted; what was finished is kept")
+        _say("interrupted")
         return INTERRUPTED
     if isinstance(error, IVToolsError | WorkersLostError):
         _say(f"error: {error}")

@@ -1,4 +1,4 @@
-"""``ivtools effects``: what there is."""
+"""``ivtools effects`` and ``ivtools methods``: what there is."""
 
 from __future__ import annotations
 
@@ -41,3 +41,21 @@ def _content(term: Term) -> dict[str, Any]:
         "parameters": parameters,
         "source": term.source,
     }
+
+
+def methods(json: options.Json = None) -> None:
+    """List the estimators, with what each does."""
+    from importlib import import_module
+
+    from ivtools.estimators.base import FUNCTIONS, METHODS
+    from ivtools.tables import table
+
+    told = {}
+    for key, place in {**METHODS, **FUNCTIONS}.items():
+        module, name = place.split(":")
+        found = getattr(import_module(f"ivtools.estimators.{module}"), name)
+        told[key] = {"class": name, "about": (found.__doc__ or "").strip().split("\n")[0]}
+    write_json(told, json)
+    rows = [[key, about["class"], about["about"][:46]] for key, about in told.items()]
+    text = table("Methods", [], ["--method", "class", "what it does"], rows, left=3)
+    show(text, json_file=json)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ivtools.cli import options
-from ivtools.cli.output import progress, show, write_json, write_page
+from ivtools.cli.output import progress, show, stoppable, write_json, write_page
 from ivtools.errors import EstimationError, IVToolsError
 
 if TYPE_CHECKING:
@@ -82,7 +82,8 @@ def compare(
     write_json(comparison.to_dict(), json)
     show(*texts, json_file=json)
     if fits.interrupted:
-        raise KeyboardInterrupt
+        with stoppable():
+            raise KeyboardInterrupt("interrupted; what was finished is kept")
 
 
 def _estimators(methods: str | None, cov: options.Covariance) -> list[Method]:

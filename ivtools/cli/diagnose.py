@@ -196,6 +196,9 @@ def _expanded(records: list[str]) -> tuple[list[str], bool]:
     DataError
         A pattern or a folder holds no record.
     """
+    for record in records if len(records) == 1 else ():
+        if not glob.has_magic(record):
+            options.there(record)
     names: list[str] = []
     several = len(records) > 1
     for given in records:

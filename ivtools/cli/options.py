@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ivtools.errors import DataError
+from ivtools.errors import AxisError, DataError
 
 
 class Friction(StrEnum):
@@ -43,16 +44,47 @@ class Covariance(StrEnum):
     CLASSICAL = "classical"
 
 
+def there(record: str | None) -> str | None:
+    """Refuse a record that is neither a file nor a data set, before anything heavy is loaded."""
+    from ivtools.registry import REGISTRY
+
+    if record is None or record in REGISTRY or Path(record).suffix or _exists(record):
+        return record
+    known = ", ".join(REGISTRY)
+    raise DataError(f"{record}: there is no such file and no such data set ({known})")
+
+
+def known_axis(axis: str | None) -> str | None:
+    """Refuse an axis that is neither a file nor registered, before anything heavy is loaded."""
+    from ivtools.axes import FILES
+
+    if axis is None or axis in FILES or Path(axis).suffix or _exists(axis):
+        return axis
+    raise AxisError(
+        f"{axis!r} is neither an axis file nor a registered axis; registered: {', '.join(FILES)}"
+    )
+
+
+def _exists(name: str) -> bool:
+    try:
+        return Path(name).exists()
+    except (OSError, ValueError):
+        return False
+
+
 Record = Annotated[
     str,
     typer.Argument(
-        metavar="RECORD", help="A csv, parquet or mat file, or emps, emps-pulses, twin."
+        callback=there,
+        metavar="RECORD",
+        help="A csv, parquet or mat file, or emps, emps-pulses, twin.",
     ),
 ]
 Axis = Annotated[
     str | None,
     typer.Option(
         "--axis",
+        callback=known_axis,
         metavar="AXIS",
         help="Axis file (TOML) or registered axis; default: the data set's own.",
     ),
@@ -63,7 +95,9 @@ Robot = Annotated[
 ]
 Holdout = Annotated[
     str | None,
-    typer.Option("--holdout", metavar="RECORD", help="Another record of the same axis."),
+    typer.Option(
+        "--holdout", callback=there, metavar="RECORD", help="Another record of the same axis."
+    ),
 ]
 Data = Annotated[
     Path | None,
@@ -91,7 +125,15 @@ def writable(path: Path | None) -> Path | None:
         there = there.parent
     if there != path.absolute() and not there.is_dir():
         raise DataError(f"cannot write {path}: {there} is not a folder; name another place")
-    if not os.access(there, os.W_OK):
+    if there.is_dir():
+        try:
+            tempfile.TemporaryFile(dir=there).close()  # which no permission alone can tell
+        except OSError as error:
+            reason = (error.strerror or type(error).__name__).lower()
+            raise DataError(
+                f"cannot write {path}: {reason} at {there}; name another place"
+            ) from error
+    elif not os.access(there, os.W_OK):
         raise DataError(f"cannot write {path}: permission denied at {there}; name another place")
     return path
 

@@ -1,0 +1,29 @@
+"""``ivtools check``: what will be used of a log, and whether it suffices."""
+
+from __future__ import annotations
+
+from ivtools.cli import options
+from ivtools.cli.output import show, write_json
+
+
+def check(
+    record: options.Record,
+    axis: options.Axis = None,
+    data: options.Data = None,
+    json: options.Json = None,
+    out: options.Out = None,
+) -> None:
+    """Say what will be used of a log, in which units, and whether it suffices."""
+    from ivtools.cli.case import load
+    from ivtools.suitability import suitability
+
+    measured, loop = load(record, axis, data)
+    found = suitability(measured, loop)
+    texts: list[object] = [found.summary()]
+    if out is not None:
+        from ivtools.files import write
+        from ivtools.plots.style import encode
+
+        texts.append(f"figure: {write(out / 'record.svg', encode(found.plot()))}")
+    write_json(found.to_dict(), json)
+    show(*texts, json_file=json)
