@@ -24,7 +24,7 @@ _EACH = 2  # forms of a kind that become laws, with feed-forwards and without
 _WORSE = 1e3  # times the power left of the best law from which a form is none
 _CONSTANTS = 2  # columns of a cascade's form that are no settings of it
 _PART = 5000  # samples among which a filter is looked for
-_STARTS = 4  # laws with filters that are fitted
+_STARTS = 2  # laws with filters that are fitted, of each sort of filter
 _ALIKE = 0.2  # of the price of a setting: laws as good as each other
 _FILTERED = 1e-7  # share of the power left from which a filter in the loop is looked for
 _WORTH = 0.5  # of the residual's power that it must remove
@@ -143,8 +143,11 @@ def _surrounded(loop: ClosedLoop, data: Data, least: float) -> list[Fitted]:
             for c in grown.controllers(loop.controller, data)[:1]:
                 own = {**c.settings, "derivative_filter": lag} if lag else c.settings
                 starts.append((grown.criterion, replace(c, filter=shape, settings=own)))
-    starts.sort(key=lambda start: start[0])
-    found = [polished(data, c) for _, c in starts[:_STARTS]]
+    families: dict[tuple[object, ...], list[Controller]] = {}
+    for _, c in sorted(starts, key=lambda start: start[0]):
+        kind = c.filter and (c.filter.kind, c.filter.damping is None)
+        families.setdefault((kind,), []).append(c)
+    found = [polished(data, c) for some in families.values() for c in some[:_STARTS]]
     return [
         f
         for f in found
