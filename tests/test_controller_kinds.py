@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks import populations
+from ivtools.errors import AxisError, RecordError
+from ivtools.gap import parity
+from ivtools.loop import ClosedLoop, Controller
 from ivtools.loop.controllers import Seen
 from ivtools.loop.system import initial_state
 
@@ -54,3 +57,79 @@ def test_both_engines_are_the_same(kind, seed):
         for name in ("q", "nu"):
             a, b = getattr(ours, name)[:, 0], theirs.outputs[theirs.output_labels.index(name)]
             assert np.max(np.abs(a - b)) <= 1e-9 * np.max(np.abs(b)), (name, limit)
+
+
+@pytest.mark.parametrize("kind", populations.KINDS)
+def test_a_record_is_reproduced_wherever_it_begins(kind):
+    """With filter, feed-forwards, a column, limit and anti-windup; the states are not logged."""
+    rng = np.random.default_rng([5, len(kind)])
+    loop, theta, stroke = populations.axis(rng, "revolute")
+    hz, n = float(rng.choice([200, 1000, 4000])), 5000
+    strain = np.convolve(rng.normal(size=n), np.ones(9) / 9, mode="same")
+    given = populations.reference(rng, n, hz, stroke, {"strain": strain})
+    law = populations.surrounded(rng, populations.controller(rng, kind, theta["inertia"], hz), hz)
+    fed = {"acceleration": 0.5 * theta["inertia"], "coulomb": 0.3 * theta["coulomb"]}
+    law = replace(law, feedforward=fed, feedback={"strain": 0.1 * theta["coulomb"]})
+    loop = replace(loop, controller=populations.scaled(law, loop.gain))
+    free = loop.simulate(given, theta, initial="rest")
+    limit = 0.7 * float(np.abs(free.nu).max())
+    loop = replace(loop, controller=replace(loop.controller, limit=limit))
+    made = loop.simulate(given, theta, initial="rest", quantum=1e-6 * stroke)
+    record = given.replace(q=made.q, nu=made.nu)
+    for part in (record, record.slice(n // 5, n)):
+        found = parity.check(part, loop)
+        assert found.after < 1e-4 and not found.found
+        assert found.delay == loop.controller.delay
+
+
+def test_all_that_surrounds_a_law_survives_the_way_to_a_file_and_back(tmp_path):
+    rng = np.random.default_rng(3)
+    loop = populations.axis(rng, "revolute")[0]
+    law = replace(
+        populations.controller(rng, "p-pi", 1.0, 1000.0),
+        velocity="logged",
+        filter={"kind": "notch", "hz": 80.0, "damping": 0.3},
+        feedforward={"acceleration": 0.5, "plan [N m]": 1.0},
+        feedback={"strain": -0.2},
+        anti_windup="back-calculation",
+        limit=4.0,
+    )
+    file = tmp_path / "axis.toml"
+    file.write_text(replace(loop, controller=law).to_toml())
+    again = ClosedLoop.from_file(file).controller
+    assert again == replace(law, settings=again.settings)
+    assert again.settings == pytest.approx(dict(law.settings))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"filter": {"kind": "lowpass"}}, "filter lacks 'hz'"),
+        ({"filter": {"kind": "comb", "hz": 3.0}}, "'comb' is not known; it is lowpass or notch"),
+        ({"filter": {"kind": "notch", "hz": 3.0}}, "a notch filter needs its damping"),
+        ({"filter": {"hz": 3.0, "q": 1}}, "filter does not know 'q'"),
+        ({"velocity": "guessed"}, "velocity is 'guessed'; it is 'differences' or 'logged'"),
+        ({"anti_windup": "maybe"}, "anti_windup is 'maybe'"),
+        ({"feedforward": {"velocity": np.nan}}, "feedforward.velocity = nan is not a finite"),
+        ({"feedback": 3.0}, "feedback is 3.0; give gains by name"),
+    ],
+)
+def test_what_surrounds_a_law_is_checked(changes, message):
+    with pytest.raises(AxisError, match=message):
+        Controller("p-velocity", {"kv": 1.0}, **changes)
+
+
+def test_what_a_law_needs_and_a_record_lacks_is_said():
+    rng = np.random.default_rng(1)
+    loop, theta, stroke = populations.axis(rng, "revolute")
+    record = populations.reference(rng, 300, 500.0, stroke)
+    law = populations.controller(rng, "p-velocity", 1.0, 500.0)
+    for changes, message in (
+        ({"velocity": "logged"}, 'dq is missing; velocity = "logged"'),
+        ({"feedback": {"strain": 1.0}}, "column 'strain', which the controller sees, is not in"),
+    ):
+        bound = replace(loop, controller=replace(law, **changes))
+        with pytest.raises(RecordError, match=message):
+            parity.check(record, bound)
+    with pytest.raises(RecordError, match="dq_ref is missing, and q_ref too"):
+        replace(loop, controller=law).simulate(record.replace(q_ref=None), theta)

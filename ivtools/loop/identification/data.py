@@ -96,7 +96,7 @@ class Data:
     @cached_property
     def side(self) -> Array:
         """The sign of the command where it is clipped, (n,)."""
-        return clipped(self.command, self.limit * (1.0 - 1e-6) / 0.999)
+        return clipped(self.command, self.limit)
 
     @cached_property
     def rows(self) -> NDArray[np.bool_]:
