@@ -111,7 +111,8 @@ def estimate_covariance(
     n, p = X.shape
     rows = influence(X, Z)  # (N, p)
     if cov_type == "hac" and bandwidth is None and resids.any():
-        return prewhitened(rows, resids, X if Z is None else Z, starts)
+        spent = getattr(weights, "order", 0)  # by a noise model among the weights
+        return prewhitened(rows, resids, X if Z is None else Z, starts, spent)
     if cov_type == "classical":
         matrix = _variance(resids, p, debiased) * rows.T @ rows
     else:
@@ -122,7 +123,11 @@ def estimate_covariance(
 
 
 def prewhitened(
-    rows: Array, resids: Array, fitted: Array, starts: NDArray[np.intp] | None = None
+    rows: Array,
+    resids: Array,
+    fitted: Array,
+    starts: NDArray[np.intp] | None = None,
+    spent: int = 0,
 ) -> Covariance:
     """Return the prewhitened heteroskedasticity and autocorrelation consistent covariance.
 
@@ -130,7 +135,8 @@ def prewhitened(
     frequencies of the motion, and a Bartlett kernel, which smears, takes it for too much or too
     little. So an autoregression of the residual comes first; the estimate is then a sum of its
     shocks, whose variance has little left to be robust against: Newey and West's estimate of it
-    needs few lags. What the fit took from the residual is given back (`taken`). Intervals are
+    needs few lags. What the fit took from the residual is given back (`taken`), and what the
+    autoregression took from its shocks. Intervals are
     Student's, with the degrees of freedom that a variance of so many effective rows and so many
     lags has: Kiefer and Vogelsang's point, that an estimated variance is not a known one.
 
@@ -143,6 +149,8 @@ def prewhitened(
         Columns, or instruments, by which they were fitted.
     starts : (m,) ndarray of int, optional
         First row of each segment without gaps.
+    spent : int
+        Parameters of the noise that were fitted to these residuals before.
 
     References
     ----------
@@ -154,7 +162,8 @@ def prewhitened(
     shocks, reach = noise(resids), noise.reach(rows)  # (N,), (N, p)
     scores = reach * shocks[:, np.newaxis]
     bandwidth = automatic_bandwidth(scores)
-    given_back = noise.sigma**2 / float(np.mean(shocks**2))
+    left = max(len(resids) - noise.order - spent, 1) / len(resids)  # of the shocks' freedom
+    given_back = noise.sigma**2 / float(np.mean(shocks**2)) / left
     effective = effective_rows(reach)
     freedom = np.maximum(effective / kernel_share(bandwidth), 1.0)
     return Covariance(given_back * long_run_variance(scores, bandwidth), effective, freedom)
