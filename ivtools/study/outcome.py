@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ivtools.digest import canonical, digest
 from ivtools.errors import EstimationError, IVToolsError
+from ivtools.estimates import Estimates
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MESSAGE_LENGTH = 200
+NORMAL = 1.959963984540054  # half of a 95 % interval of the normal distribution
 
 
 class AnyEstimator(Protocol):
@@ -28,7 +30,8 @@ class AnyEstimator(Protocol):
 
     It returns an object with ``params`` (a mapping or Series by parameter name), or such a mapping
     itself. ``std_errors`` (or ``bse``), ``converged``, ``n_iter`` and ``n_simulations`` are used
-    where the object has them.
+    where the object has them; intervals are those of ivtools' own results, else by the normal
+    distribution.
     """
 
     def fit(self, problem: Problem) -> Any:
@@ -41,6 +44,7 @@ class Outcome(NamedTuple):
 
     theta: Mapping[str, float]
     std_errors: Mapping[str, float]
+    half_widths: Mapping[str, float]
     converged: bool
     n_iter: int
     n_simulations: int
@@ -59,10 +63,12 @@ def fit(estimator: AnyEstimator, problem: Problem) -> Outcome:
             raise EstimationError("the estimate is not finite")
     except Exception as error:  # whatever an estimator raises, the others go on
         return failure(error, perf_counter() - start)
-    std_errors = getattr(result, "std_errors", getattr(result, "bse", None))
+    found = getattr(result, "std_errors", getattr(result, "bse", None))
+    std_errors = {} if found is None else _numbers(found)
     return Outcome(
         theta,
-        {} if std_errors is None else _numbers(std_errors),
+        std_errors,
+        _half_widths(result, std_errors),
         bool(getattr(result, "converged", True)),
         int(getattr(result, "n_iter", 1)),
         int(getattr(result, "n_simulations", 0)),
@@ -71,10 +77,18 @@ def fit(estimator: AnyEstimator, problem: Problem) -> Outcome:
     )
 
 
+def _half_widths(result: Any, std_errors: Mapping[str, float]) -> dict[str, float]:
+    """Return half of each 95 % interval: the result's own, or the normal distribution's."""
+    if not isinstance(result, Estimates):
+        return {name: NORMAL * value for name, value in std_errors.items()}
+    ends = result.conf_int()
+    return _numbers(0.5 * (ends["upper"] - ends["lower"]))
+
+
 def failure(error: Exception, runtime: float = nan) -> Outcome:
     """Return the outcome of a fit that failed."""
     reason = f"{type(error).__name__}: {error}".splitlines()[0][:MESSAGE_LENGTH]
-    return Outcome({}, {}, False, 0, 0, runtime, reason)
+    return Outcome({}, {}, {}, False, 0, 0, runtime, reason)
 
 
 def rows(
@@ -104,6 +118,7 @@ def rows(
             outcome.theta.get(name, nan),
             theta_true.get(name, nan),
             outcome.std_errors.get(name, nan),
+            outcome.half_widths.get(name, nan),
             *errors,
             *status,
             outcome.error,

@@ -12,6 +12,7 @@ import pandas as pd
 
 from ivtools.display import Displayed
 from ivtools.files import write
+from ivtools.study.outcome import NORMAL
 from ivtools.tables import csv
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 GROUP = ["case", "estimator", "parameter"]
 SCORES = ["theta_true", "n", "bias", "bias_mcse", "sd", "sd_mcse", "rmse", "rmse_mcse"]
 SCORES += ["coverage", "coverage_mcse"]
-LEVEL = 1.959963984540054  # half-width of a 95 % interval of the normal distribution
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -185,7 +185,8 @@ def _scores(group: pd.DataFrame) -> dict[str, float]:
     error = scale * (group["theta"].to_numpy() - true)  # (n,) %
     n, bias, rmse = len(error), float(error.mean()), float(np.sqrt(np.mean(error**2)))
     sd, sd_mcse = _deviation(error)
-    inside = np.abs(group["theta"] - true) <= LEVEL * group["std_error"]
+    reach = group["half_width"] if "half_width" in group else NORMAL * group["std_error"]
+    inside = np.abs(group["theta"] - true) <= reach
     covered = float(inside.mean()) if group["std_error"].notna().all() else np.nan
     square_mcse = float(np.std(error**2, ddof=1)) / np.sqrt(n) if n > 1 else np.nan
     return {

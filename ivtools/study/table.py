@@ -27,6 +27,7 @@ COLUMNS = {
     "theta": "float64",
     "theta_true": "float64",
     "std_error": "float64",
+    "half_width": "float64",
     "relative_error": "float64",
     "holdout_error": "float64",
     "converged": "bool",
