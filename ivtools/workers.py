@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import warnings
 from collections import Counter
@@ -10,7 +11,9 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
-from time import perf_counter
+from functools import cache
+from threading import Thread
+from time import perf_counter, sleep
 from types import ModuleType
 from typing import Any, Literal, NamedTuple, TypeVar
 
@@ -170,7 +173,7 @@ class _Hands:
         def calls() -> Iterator[Any]:
             for number, task in numbered:
                 self.held[number] = task
-                yield joblib.delayed(_numbered)(number, self.work, task)
+                yield joblib.delayed(_numbered)(number, self.work, task, os.getpid())
 
         parallel = joblib.Parallel(n_jobs, batch_size=1, return_as="generator_unordered")
         for number, result in parallel(calls()):
@@ -191,9 +194,23 @@ class _Hands:
 
 
 def _numbered(
-    number: int, work: Callable[..., Result], task: tuple[Any, ...]
-) -> tuple[int, Result]:
+    number: int, work: Callable[..., Any], task: tuple[Any, ...], leader: int
+) -> tuple[int, Any]:
+    if os.getppid() == leader:
+        _follow(leader)
     return number, work(*task)
+
+
+@cache
+def _follow(leader: int) -> None:
+    """End this worker with the process that leads it, however that ends."""
+
+    def watch() -> None:
+        while os.getppid() == leader:
+            sleep(1.0)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 @contextmanager

@@ -2,7 +2,11 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -43,3 +47,65 @@ def test_without_a_word_for_it_lost_work_is_an_error(tmp_path):
 def test_impossible_numbers_of_workers_are_refused(n_jobs):
     with pytest.raises(IVToolsError, match="workers; give a whole number from 1 to 1000, or -1"):
         list(outcomes(pow, [(2, 3)], n_jobs))
+
+
+STUDY = """
+import time
+from contextlib import suppress
+from pathlib import Path
+import ivtools as iv
+from ivtools.study import Case, Study, Trapezoids
+
+class Slow:
+    def fit(self, problem):
+        time.sleep(0.2)
+        return dict.fromkeys(problem.names, 1.0)
+
+theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+moves = Trapezoids(1.0, strokes=(0.03,), speeds=(0.12,))
+study = Study([Case("a", iv.axes.emps(), theta, moves)], {"slow": Slow()}, seeds=5000)
+"""
+
+
+def descendants(pid: int) -> set[int]:
+    """Return the processes below one, from the kernel's list."""
+    found = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            found[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
+    below = {pid}
+    while more := {child for child, parent in found.items() if parent in below} - below:
+        below |= more
+    return below - {pid}
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that has ended may wait for its parent to look."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs the list of processes")
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_the_command_and_what_is_finished_is_kept(tmp_path, how):
+    (tmp_path / "study.py").write_text(STUDY)
+    code = "from ivtools.cli import main; main()"
+    rows = tmp_path / "out" / "rows"
+    command = ["benchmark", str(tmp_path / "study.py"), "--jobs", "2", "--out", str(rows.parent)]
+    process = subprocess.Popen([sys.executable, "-c", code, *command], stderr=subprocess.PIPE)
+    while not list(rows.glob("part-*")):
+        assert process.poll() is None
+        time.sleep(0.1)
+    workers = descendants(process.pid)
+    process.send_signal(how)
+    if how == signal.SIGTERM:
+        told = process.communicate(timeout=60)[1].decode()
+        assert (process.returncode, told.count("\n")) == (130, 1) and len(workers) >= 2
+    until = time.monotonic() + 20.0  # the machine may be busy
+    while left := [pid for pid in workers if alive(pid)]:
+        assert time.monotonic() < until, left
+        time.sleep(0.1)
+    assert {f.name[:5] for f in rows.iterdir()} <= {"part-", ".part", ".in-u"}
