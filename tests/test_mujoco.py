@@ -135,6 +135,20 @@ def test_changes_are_added_to_what_the_model_states(tmp_path):
     assert again.start["viscous"] == pytest.approx(0.75)
 
 
+def test_a_second_diagnosis_goes_on_top_of_the_first(tmp_path):
+    file = cart(tmp_path, armature="0.1")
+    loop = iv.ClosedLoop.from_mjcf(file, "x")
+    for name in ("first.xml", "second.xml"):
+        lacking = loop.with_effect("cogging", **EFFECTS["cogging"])
+        made = export(file, "x", lacking, lacking.values({}), changes={"offset": 0.5})
+        file = made.write(tmp_path / name)
+    model = mujoco.MjModel.from_xml_path(str(file))
+    assert model.nu == 5
+    twice = iv.MujocoSimulator(file, "x").simulate(reference())
+    once = iv.MujocoSimulator(tmp_path / "first.xml", "x").simulate(reference())
+    assert rms(twice.nu - once.nu) > 0.1
+
+
 def test_what_mujoco_cannot_hold_is_a_comment_and_acts_beside(tmp_path):
     file = cart(tmp_path, armature="0.1")
     record, loop = reference(), iv.ClosedLoop.from_mjcf(file, "x")

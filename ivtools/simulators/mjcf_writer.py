@@ -54,6 +54,9 @@ class Writer:
         block = self.tree.getroot().find("actuator")
         if block is None:
             block = ET.SubElement(self.tree.getroot(), "actuator")
+        taken = {e.get("name") for e in block}
+        while attributes["name"] in taken:  # of an earlier diagnosis
+            attributes["name"] += "-more"
         ET.SubElement(block, tag, joint=self.name, **attributes)
         return True
 
