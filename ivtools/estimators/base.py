@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
+from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, ClassVar
 
@@ -13,7 +15,8 @@ import numpy as np
 
 from ivtools.errors import ConvergenceWarning, EstimationError
 from ivtools.linalg import CovType
-from ivtools.loop import RobotLoop
+from ivtools.loop import ClosedLoop, RobotLoop
+from ivtools.record import Record
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
@@ -67,13 +70,15 @@ class Estimator(ABC):
 
     cov_type: CovType = "hac"
 
-    def fit(self, problem: Problem) -> FitResults:
+    def fit(self, problem: Problem | Record, loop: ClosedLoop | None = None) -> FitResults:
         """Estimate the parameters of a problem.
 
         Parameters
         ----------
-        problem : Problem
+        problem : Problem or Record
             Record, closed loop and pipeline; it is not changed.
+        loop : ClosedLoop, optional
+            With a record in place of a problem: its loop.
 
         Returns
         -------
@@ -95,6 +100,7 @@ class Estimator(ABC):
         EstimationError
             If the problem is a robot's and the method is for one axis.
         """
+        problem = _problem(problem, loop)
         if not self.robots and isinstance(problem.loop, RobotLoop):
             raise EstimationError(
                 f"{self.key} is for one axis; robots are identified by idim-ls, idim-wls, idim-iv "
@@ -120,6 +126,22 @@ class Estimator(ABC):
     @abstractmethod
     def estimate(self, problem: Problem) -> FitResults:
         """Return the estimate; `fit` adds the time and the warning."""
+
+
+def _problem(given: Problem | Record, loop: ClosedLoop | None) -> Problem:
+    """Return the problem that was given, or that of a record and its loop."""
+    from ivtools.problem import Problem
+
+    if isinstance(given, Record) and loop is not None:
+        return Problem(given, loop)
+    if isinstance(given, Record | ClosedLoop | Mapping | str | Path | np.ndarray):
+        kind = type(given).__name__
+        raise EstimationError(
+            f"fit was given a {kind}; give Problem(record, loop), or record and loop"
+        )
+    if loop is not None:
+        raise EstimationError("fit was given a Problem, which has its loop; give no other")
+    return given
 
 
 def estimator_class(key: str) -> type[Estimator]:

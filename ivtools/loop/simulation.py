@@ -141,8 +141,9 @@ class Simulation:
             theta_true=theta_true,
         )
 
-    def plot(self, record: Record) -> object:
-        """Return the figure of simulated against measured signals."""
+    def plot(self, record: Record | None = None) -> object:
+        """Return the figure of simulated against measured signals, or of the simulated alone."""
         from ..plots import simulation
+        from ..plots.record import record as drawn
 
-        return simulation(self, record)
+        return drawn(self.to_record()) if record is None else simulation(self, record)

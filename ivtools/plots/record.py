@@ -43,5 +43,5 @@ def record(logged: Record, joint: int = 0, *, width_mm: float = WIDTH_MM) -> She
             line(axes, logged.t, signals[main], color=COLOURS["measured"], label=main)
             legend_above(axes)
             axes.set_ylabel(main)
-        panels[-1].set_xlabel("time (s)")
+        panels[-1].set_xlabel("time, s")
     return figure
