@@ -229,3 +229,14 @@ def test_a_late_drive_is_late_in_mujoco_too(tmp_path, timing):
     theirs = [iv.MujocoSimulator(f, "x", loop=loop).simulate(record).nu for f in (file, better)]
     ours = [one.simulate(record, initial="rest").nu for one in (loop, lacking)]
     assert rms(theirs[1] - theirs[0] - (ours[1] - ours[0])) < 0.3 * rms(ours[1] - ours[0])
+
+
+def test_the_command_line_makes_an_axis_file_of_a_model(tmp_path, capsys):
+    from ivtools.cli import run
+
+    file, out = cart(tmp_path, armature="0.1"), tmp_path / "axis.toml"
+    assert run(["axis", "from-mjcf", str(file), "--joint", "x", "--out", str(out)]) == 0
+    loop = iv.ClosedLoop.from_file(out)
+    assert loop.start["inertia"] == pytest.approx(0.4) and loop.controller.kind == "cascade-pd"
+    assert run(["axis", "from-mjcf", str(file)]) == 2
+    assert "--joint NAME" in capsys.readouterr().err

@@ -16,23 +16,38 @@ def axis(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="NAME|new", help="A registered axis, such as emps; or new, for one of a log."
+            metavar="NAME|new|from-mjcf",
+            help="A registered axis, such as emps; new, for one of a log; from-mjcf, of a model.",
         ),
     ],
     log: Annotated[
-        str | None, typer.Argument(metavar="LOG", help="With new: the log that tells the axis.")
+        str | None,
+        typer.Argument(
+            metavar="LOG|MODEL", help="The log that tells the axis, or a MuJoCo model of it."
+        ),
+    ] = None,
+    joint: Annotated[
+        str | None, typer.Option("--joint", metavar="NAME", help="With from-mjcf: the joint.")
+    ] = None,
+    actuator: Annotated[
+        str | None, typer.Option("--actuator", metavar="NAME", help="With from-mjcf: its drive.")
+    ] = None,
+    keyframe: Annotated[
+        str | None, typer.Option("--keyframe", metavar="NAME", help="With from-mjcf: the pose.")
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FILE", callback=options.file, help="With new: the axis file to write."
+            "--out", metavar="FILE", callback=options.file, help="The axis file to write."
         ),
     ] = None,
     json: options.Json = None,
 ) -> None:
-    """Print a registered axis file, or make a first one of a log: ivtools axis new LOG."""
+    """Print a registered axis file, or make one: axis new LOG, axis from-mjcf MODEL --joint J."""
     if name == "new":
         return _new(log, out, json)
+    if name == "from-mjcf":
+        return _from_mjcf(log, joint, actuator, keyframe, out, json)
     if log is not None or out is not None:
         raise AxisError(f"ivtools axis {name} prints a file; ivtools axis new LOG makes one")
     import tomllib
@@ -61,3 +76,29 @@ def _new(log: str | None, out: Path | None, json: Path | None) -> None:
         texts.append(f"axis file: {out}\nnext: ivtools check {log} --axis {out}")
     write_json(found.to_dict(), json)
     show(*texts, json_file=json)
+
+
+def _from_mjcf(
+    model: str | None,
+    joint: str | None,
+    actuator: str | None,
+    keyframe: str | None,
+    out: Path | None,
+    json: Path | None,
+) -> None:
+    """Read a joint of a MuJoCo model as an axis file."""
+    if model is None or joint is None:
+        raise DataError(
+            "ivtools axis from-mjcf needs a model and a joint: ivtools axis from-mjcf model.xml "
+            "--joint NAME"
+        )
+    import tomllib
+
+    from ivtools.files import write
+    from ivtools.loop import ClosedLoop
+
+    text = ClosedLoop.from_mjcf(model, joint, actuator, keyframe).to_toml()
+    write_json(tomllib.loads(text), json)
+    if out is not None:
+        write(out, text)
+    show(text.rstrip("\n") if out is None else f"axis file: {out}", json_file=json)
