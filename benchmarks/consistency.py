@@ -119,6 +119,7 @@ class Experiment:
                 "seed": seed,
                 "estimate": true + error,
                 "std_error": bound[parameter],
+                "half_width": 1.96 * bound[parameter],
                 "converged": True,
                 "runtime": 0.0,
             }
@@ -127,6 +128,8 @@ class Experiment:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ConvergenceWarning)
                 fit = method.estimator.fit(problem)
+            lower, upper = fit.conf_int().to_numpy().T
+            widths = dict(zip(fit.names, 0.5 * (upper - lower), strict=True))
             for parameter, value in fit.params.items():
                 yield {
                     "noise": noise,
@@ -135,6 +138,7 @@ class Experiment:
                     "seed": seed,
                     "estimate": value,
                     "std_error": fit.std_errors[parameter],
+                    "half_width": widths[parameter],
                     "converged": fit.converged,
                     "runtime": fit.runtime,
                 }
@@ -193,7 +197,7 @@ def summarise(table: pd.DataFrame) -> pd.DataFrame:
                 "t": error.mean() / (std / np.sqrt(n)),
                 "std": std,
                 "mean_std_error": group["std_error"].mean(),
-                "coverage_percent": 100.0 * (error.abs() < 1.96 * group["std_error"]).mean(),
+                "coverage_percent": 100.0 * (error.abs() < group["half_width"]).mean(),
                 "variance_over_bound": std**2 / bounds[noise][parameter] ** 2,
                 "variance_over_efficient": std**2 / best[noise, parameter] ** 2,
                 "converged_percent": 100.0 * group["converged"].mean(),
