@@ -273,7 +273,7 @@ def test_killed_at_random_times_many_rounds(tmp_path):
 def test_rows_in_memory_stay_flat(tmp_path):
     """100 000 rows are read as categories and numbers: some ten megabytes."""
     rows = [
-        ("a", "ls", seed, name, 1.0, 1.0, 0.1, 2.0, 2.0, True, 1, 0, 1e-3, "")
+        ("a", "ls", seed, name, 1.0, 1.0, 0.1, 0.2, 2.0, 2.0, True, 1, 0, 1e-3, "")
         for seed in range(25_000)
         for name in ("inertia", "viscous", "coulomb", "offset")
     ]
