@@ -150,11 +150,11 @@ class Problem:
         """Return the rows (regressor, force less load) of a trajectory, measured or simulated."""
         t = self.record.t
         t = t - t[0] if t[0] != 0.0 else t  # a long record has no room for copies
-        columns, net = self.loop.regressor(motion, force, t), force - self.load
-        if columns.ndim == 2:
-            rows = self.pipeline.rows(columns, self._speed)
-            return beside(rows, self.pipeline.rows(net, self._speed))
-        return self.pipeline.rows(beside(columns, net), self._speed)
+        if isinstance(self.pipeline, Pipelines):
+            columns = beside(self.loop.regressor(motion, force, t), force - self.load)
+            return self.pipeline.rows(columns, self._speed)
+        rows = self.pipeline.rows(self.loop.regressor(motion, force, t), self._speed)
+        return beside(rows, self.pipeline.rows(force - self.load, self._speed))
 
     # --- simulated -----------------------------------------------------------------------------
 
