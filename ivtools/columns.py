@@ -30,7 +30,7 @@ SIGNALS = {
     "added": "known input added to the command after the controller, as nu",
     "dq": "measured velocity as the controller saw it, m/s or rad/s",
     "dq_ref": "velocity reference, m/s or rad/s",
-    "load": "known force from outside on the mechanics, N or N m",
+    "load": "known outside force that the drive has to overcome, N or N m",
 }
 #: SI units of a signal; a command may have any.
 UNITS = {

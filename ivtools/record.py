@@ -276,15 +276,14 @@ class Record:
         """
         if not 0 <= j < self.n_joints:
             raise ShapeError(f"joint {j} of a record with {self.n_joints} joints; count from 0")
-        parts = {name: values[:, j] for name, values in self.signals.items()}
-        name = self.name if self.n_joints == 1 else f"{self.name}, joint {j + 1}"
-        return self.replace(name=name, theta_true=None, **parts)
-
-    def plot(self, joint: int = 0) -> object:
-        """Return the figure of what was logged of a joint, counted from 0."""
-        from ivtools.plots.record import record
-
-        return record(self, joint)
+        part = object.__new__(Record)  # what is part of a record needs no check, and may rest
+        for item in dataclasses.fields(self):
+            _set(part, item.name, getattr(self, item.name))
+        for signal, values in self.signals.items():
+            _set(part, signal, values[:, j : j + 1])
+        _set(part, "name", self.name if self.n_joints == 1 else f"{self.name}, joint {j + 1}")
+        _set(part, "theta_true", None)
+        return part
 
     def __repr__(self) -> str:
         joints = f"{self.n_joints} joint{'s' if self.n_joints > 1 else ''}"

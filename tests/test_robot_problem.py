@@ -116,6 +116,24 @@ def test_a_joint_is_an_axis_with_a_record_of_its_own(clean):
     assert errors["position"] < 0.5
 
 
+def test_a_joint_that_stands_still_is_said_not_to_be_identifiable():
+    loop = iv.RobotLoop(two_joints(), two_axes())
+    t, q_ref = reference(8.0, n=2)
+    q_ref[:, 1] = 0.3
+    sim = loop.simulate(plan(t, q_ref), initial="rest")
+    q, rng = sim.q.copy(), np.random.default_rng(0)
+    q[:, 1] = 0.3 + 1e-5 * rng.standard_normal(len(t))  # held by its brake
+    fit = iv.IDIMLS().fit(iv.Problem(iv.Record(t, q=q, q_ref=q_ref, nu=sim.nu), loop))
+    weak = fit.not_identifiable()
+    assert {"elbow.viscous", "elbow.coulomb", "elbow.offset", "ZZ2"} <= set(weak)
+    assert "ZZ1R" not in weak and "shoulder.coulomb" not in weak
+    assert clean_line(fit.summary())
+
+
+def clean_line(summary):
+    return "not identifiable from this record" in " ".join(str(summary).split())
+
+
 def test_methods_of_one_axis_say_so(clean):
     with pytest.raises(EstimationError, match="idim-piv is for one axis; robots .* idim-iv"):
         iv.IDIMPIV().fit(clean)

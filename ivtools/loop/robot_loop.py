@@ -36,6 +36,7 @@ SINGULAR = (
 )
 _BAND = 3.0  # of a motion's own band, for a first guess
 _FASTEST = 0.1  # of the sampling rate: the highest cut-off of a filter
+_LEAST = 1e-3  # eigenvalue of a mass matrix whose diagonal is 1
 _POSES = 50  # of a record, at which the mass matrix is looked at
 _UNITS = {1: "kg", 2: "kg m", 3: "kg m2"}  # by the power of the length, plus one
 
@@ -377,7 +378,9 @@ class RobotLoop(Model):
         """
         rows = np.linspace(0, record.n_samples - 1, _POSES).astype(int)
         M = self.mass_matrix(record.q[rows], theta)
-        if np.linalg.eigvalsh(M).min() <= 0.0:
+        size = np.sqrt(np.maximum(np.diagonal(M, axis1=1, axis2=2), 1e-300))
+        unit = M / size[:, :, np.newaxis] / size[:, np.newaxis, :]
+        if np.linalg.eigvalsh(unit).min() <= _LEAST:  # between the poses it could be indefinite
             raise AxisError(SINGULAR)
         return np.asarray(1.0 / np.diag(np.linalg.inv(M.mean(axis=0))), dtype=float)
 
