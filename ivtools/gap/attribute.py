@@ -26,6 +26,7 @@ from .rules import (
     ADEQUATE,
     CLEAN,
     DRAWS,
+    LIKELY,
     RIVAL,
     ROUGH,
     SUPERFLUOUS,
@@ -397,12 +398,20 @@ def attribute(
     while len(best) < rules.most:
         loop = best[-1].fits[0].loop if best else base[0].loop
         rounds.append(play(sides, base, rounds, library(loop, extra, without), rules))
-        if (winner := rounds[-1].best) is None:
+        winner = rounds[-1].best
+        if winner is None or _doubtful(winner, rounds[-1], base, rules):
             break
         best.append(winner)
     fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
     kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
     return Attribution(base, fits, held, tuple(kept), rules, tuple(rounds))
+
+
+def _doubtful(best: Trial, last: Round, base: tuple[Fit, ...], rules: Rules) -> bool:
+    """Whether names with such evidence were hardly more often right than wrong."""
+    rivals = last.rivals(rules, cost(best.held))
+    others = [t for t in last.trials if t not in (best, *rivals)]
+    return probability(evidence(best, others, base)) < LIKELY
 
 
 def _backward(

@@ -139,7 +139,7 @@ class Trial:
         """Whether the effect replicates, and the force error is smaller for it."""
         least = rules.threshold(self.term)
         enough = bool(np.min(self.shares) >= least.share)
-        reached = self._reaches(least) or self._reaches(rules.steady)
+        reached = any(self._reaches(x) for x in (least, rules.steady, rules.dominant))
         return enough and reached and self.inside and self.lowers and self.distinct
 
     def _reaches(self, least: Threshold) -> bool:

@@ -155,11 +155,13 @@ def how_far(
     held_out: bool,
 ) -> tuple[Shrink, Traces]:
     """Return how far the gap closes, and the signals that show it."""
-    after = replace(result.held[-1], fold=judge)
+    tuned = result.held[-1] if result.named or len(measured) == 1 else measured[-1].base
+    after = replace(tuned, fold=judge)
     before = replace(declared, fold=replace(declared.fold, keep=judge.keep))
     still = replace(after, values=_handed_over(result.fits[0], after))
     level = measured[-1].floor
-    corrected = replace(result.base[-1], fold=judge)
+    plain_base = result.base[-1] if len(measured) == 1 else measured[-1].base
+    corrected = replace(plain_base, fold=judge)
     shrink = quantify(before, corrected, after, still, _reachable(level, after), held_out)
     record = judge.record
     e0, e1 = (

@@ -209,6 +209,8 @@ WEIGHTS = {
 }
 #: No name is surer than the 146 of 146 in the best bin of that regression can tell (theory).
 SUREST = 0.99
+#: Probability below which nothing is named (training: names of smooth backgrounds lie below).
+LIKELY = 0.65
 #: Of a name decided at the controller, without simulation: 40 of 40 were right (training).
 AT_CONTROLLER = 0.98
 
@@ -295,6 +297,8 @@ class Rules:
         For all others.
     steady : Threshold
         An effect that is as steady as this needs a smaller gain.
+    dominant : Threshold
+        An effect that removes so much needs fewer blocks in which it shows: a clipped peak.
     equivalence : float
         Equivalence margin: effects within this fraction of the best gain, or within
     equivalence_open : float
@@ -321,6 +325,7 @@ class Rules:
     periodic: Threshold = Threshold(0.015, 12.0, 1.3)
     other: Threshold = Threshold(0.02, 6.5, 1.67)
     steady: Threshold = Threshold(0.012, 20.0, 1.25)
+    dominant: Threshold = Threshold(0.5, 3.0, 1.25)
     equivalence: float = 0.12
     equivalence_open: float = 0.25
     correlation: float = 0.6

@@ -117,7 +117,7 @@ def _direction(
     side: Side, fit: Fit, now: Simulation, term: Term, shape: dict[str, float]
 ) -> _Direction | None:
     """Return the change of the error that the effect makes; None if the loop diverges with it."""
-    if term.law is not None:
+    if term.law is not None and term.search != "valleys":
         linear = [i for i, p in enumerate(term.parameters) if p.linear]
         names = tuple(term.parameters[i].name for i in linear)
         forces = np.column_stack([_law(term, i, shape, now) for i in linear or [-1]])

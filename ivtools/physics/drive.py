@@ -54,10 +54,11 @@ DEAD_ZONE = Term(
 INNER_SATURATION = Term(
     "inner-saturation",
     "drive",
-    (Parameter("force", "{F}", lower=0.0, neutral=1e300, scale="peak", scan=(0.9, 0.75, 0.55)),),
+    (Parameter("force", "{F}", lower=0.0, neutral=1e300, scale="peak", scan=(0.95, 0.2)),),
     "clip(tau, -L, L), behind the recorded command",
     "current limit of the drive",
     law=lambda q, dq, ddq, sign, tau, t, limit: tau - np.minimum(np.maximum(tau, -limit), limit),
+    search="valleys",  # a loop without its force is not the linear one: simulated, not linearised
 )
 
 DRIVE_TIMING = Term(

@@ -122,8 +122,8 @@ REGULARISED_COULOMB = Term(
             lower=1e-9,
             neutral=0.01,
             scale="speed",
-            scan=(0.01, 0.03, 0.08),
-            most=0.15,  # beyond, it is a curve of the viscous friction
+            scan=(0.02, 0.06, 0.2),
+            most=0.4,  # beyond, it is a curve of the viscous friction
         ),
     ),
     "clip(F dq/v, -F, F) instead of a part of Fc sign(dq): it creeps where dry friction sticks",
