@@ -164,7 +164,7 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
     law = preflight.identified(task.record, task.loop)
     task, loop, note = _followed(task)
     record, holdout, law = task.record, task.holdout, [*law, *note]
-    records = (record,) if holdout is None else (record, holdout)
+    records: tuple[Record, ...] = (record,) if holdout is None else (record, holdout)
     checked = tuple(parity.check(one, loop) for one in records)
     found: list[preflight.Finding] = []
     for one, shown in zip(records, checked, strict=True):
@@ -175,6 +175,7 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
         return _refused(record, loop, checked, [*found, *law])
     say("base model and floor")
     try:
+        records, checked, loop = _prepared(records, checked, loop)
         measured = _confirmed(loop, _measured(records, checked))
         third = None if task.judge is None else _measure(task.judge, parity.check(task.judge, loop))
     except IVToolsError as error:
@@ -191,6 +192,20 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
     fold, result = _attributed(measured, rules, task.extra, task.without)
     say("where and how far")
     return _answer(task, loop, measured, third, result, fold, rules, [*found, *law])
+
+
+def _prepared(
+    records: tuple[Record, ...], checked: tuple[Parity, ...], loop: ClosedLoop
+) -> tuple[tuple[Record, ...], tuple[Parity, ...], ClosedLoop]:
+    """Return a model that the records can tell apart, and a velocity loop that keeps its place."""
+
+    def fit(one: Record, own: ClosedLoop) -> tuple[Record, ClosedLoop]:
+        return preflight.locked(one, preflight.told_apart(records, own), gain)
+
+    gain = preflight.lock(records[0], loop)
+    pairs = [fit(r, p.loop) for r, p in zip(records, checked, strict=True)]
+    held = tuple(replace(p, loop=pair[1]) for p, pair in zip(checked, pairs, strict=True))
+    return tuple(pair[0] for pair in pairs), held, fit(records[0], loop)[1]
 
 
 def _measured(records: Sequence[Record], checked: Sequence[Parity]) -> tuple[Measured, ...]:

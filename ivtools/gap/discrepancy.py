@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 
 from ..loop import Simulation
 from .fit import Fit, normal
-from .rules import DISCREPANCY_PART, DISCREPANCY_T, PENALTIES, POSITION_KNOTS, SPEED_KNOTS
+from .rules import (
+    DISCREPANCY_PART,
+    DISCREPANCY_SIZE,
+    DISCREPANCY_T,
+    PENALTIES,
+    POSITION_KNOTS,
+    SPEED_KNOTS,
+)
 
 Array = NDArray[np.float64]
 
@@ -179,8 +186,10 @@ def describe(fits: Sequence[Fit]) -> Discrepancy | None:
     force = [F[f.fold.keep] @ beta for f, F in zip(fits, forces, strict=True)]
     own = [_base_forces(f, r) for f, r in zip(fits, runs, strict=True)]
     beyond = np.concatenate([x - B @ normal(B, x, 1e-6) for x, B in zip(force, own, strict=True)])
-    parts = _parts(fits, forces, own, beta, basis)
     whole = float(np.sqrt(np.mean(beyond**2)))
+    if whole < DISCREPANCY_SIZE * min(f.force_rms for f in fits):
+        return None
+    parts = _parts(fits, forces, own, beta, basis)
     over = tuple(n for n in sorted(parts, key=lambda n: -parts[n])
                  if parts[n] >= DISCREPANCY_PART * max(parts.values()))  # fmt: skip
     unit = "N" if fits[0].loop.joint == "prismatic" else "N m"

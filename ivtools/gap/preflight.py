@@ -30,6 +30,8 @@ from .rules import (
     INERTIA_RANGE,
     LEAST_TIME,
     LIMIT_SAMPLES,
+    LOCK,
+    LOCK_HZ,
     MOVING,
     ONE_WAY,
     OPEN_LOOP,
@@ -137,6 +139,34 @@ def _pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
     return driven_by(loop.command(record), motion, record), replace(loop, controller=pull)
 
 
+def lock(record: Record, loop: ClosedLoop) -> float:
+    """Return the gain, 1/s, that holds a velocity loop in place; 0 for any other loop.
+
+    A simulated velocity loop drifts away in position, and loses the phase of whatever depends on
+    it. A soft position loop around it, which follows the measured position, holds it there; its
+    part of the command is part of the gap.
+    """
+    own = loop.controller
+    if own.kind not in ("p-velocity", "pi-velocity"):
+        return 0.0
+    inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
+    inner = abs(loop.gain * own.settings["kv"]) / inertia  # rad/s of the velocity loop
+    return float(min(LOCK * inner, 2.0 * np.pi * LOCK_HZ))
+
+
+def locked(record: Record, loop: ClosedLoop, gain: float) -> tuple[Record, ClosedLoop]:
+    """Return a velocity loop with a position loop of this gain around it, and what it follows."""
+    if not gain or record.q_ref is None:
+        return record, loop
+    own, dq_ref = loop.controller, record.dq_ref
+    if dq_ref is None:
+        dq_ref = np.gradient(record.q_ref, record.dt, axis=0)
+    hz = min(10.0 * gain, 0.2 * record.sampling_hz)
+    q = Pipeline(hz, 1).differentiate(record.q, record.dt).q
+    held = replace(own, kind="p-pi", settings={"ki": 0.0, **own.settings, "kp": gain})
+    return record.replace(q_ref=q, dq_ref=dq_ref), replace(loop, controller=held)
+
+
 def identified(record: Record, loop: ClosedLoop) -> list[Finding]:
     """Say which control law is taken, if the axis file leaves it to the record.
 
@@ -196,18 +226,27 @@ def _length(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
 
 
 def _direction(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
-    assert record.q_ref is not None
-    dq = np.gradient(record.q_ref[:, 0])
-    if min(np.mean(dq > 0), np.mean(dq < 0)) >= ONE_WAY:
+    if not one_way(record):
         return []
     both = "offset" in loop.names or "viscous_pos" in loop.names
-    return [
-        Finding(
-            "the reference moves in one direction only: Coulomb friction and offset cannot be "
-            "told apart; add the way back",
-            fatal=both,
-        )
-    ]
+    text = "the reference moves in one direction only: Coulomb friction and offset cannot be told "
+    rest = "apart and count as one here" if both else "apart"
+    return [Finding(f"{text}{rest}; add the way back", fatal=False)]
+
+
+def one_way(record: Record) -> bool:
+    """Whether the reference moves in one direction only."""
+    assert record.q_ref is not None
+    dq = np.gradient(record.q_ref[:, 0])
+    return bool(min(np.mean(dq > 0), np.mean(dq < 0)) < ONE_WAY)
+
+
+def told_apart(records: Sequence[Record], loop: ClosedLoop) -> ClosedLoop:
+    """Return the model without what motion in one direction cannot tell from Coulomb friction."""
+    if not any(one_way(r) for r in records):
+        return loop
+    names = [t.name for t in loop.terms if t.name not in ("offset", "asymmetric-friction")]
+    return loop.with_terms(*dict.fromkeys([*names, "viscous", "coulomb"]))
 
 
 def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:

@@ -97,6 +97,11 @@ SAME_AXIS = 1.3
 #: Growth of the error with the other record's inertia that makes it another axis (training).
 OTHER_INERTIA = 3.0
 
+#: Bandwidth of the loop that holds a velocity loop in place, of that loop's own (theory).
+LOCK = 0.15
+#: The same at most, Hz (laas-motor: well below its cogging at working speed).
+LOCK_HZ = 3.0
+
 # --- fold: which samples count ----------------------------------------------------------------
 
 #: Seconds of the blocks that count as independent (EMPS: the correlation of the error).
@@ -154,6 +159,9 @@ EVENT_SPREAD = 0.1
 PERIODIC = 1e-4
 #: Stretches, and share of a record, that an outside force may take (training).
 FEW_EVENTS, EVENT_TIME = 5, 0.25
+
+#: Size of a whitened column from which its loop has diverged (numerics: its square overflows).
+DIVERGED_COLUMN = 1e100
 
 # --- screen and fit: where a search looks -----------------------------------------------------
 
@@ -224,6 +232,8 @@ UNLIKE_SMOOTH = 0.5
 PENALTIES = (1e-4, 1e-2, 1.0, 100.0)
 #: Block t value, on either fold, of the energy that it saves (training).
 DISCREPANCY_T = 3.0
+#: Of the force error: what is smaller is not worth a word (taste).
+DISCREPANCY_SIZE = 0.1
 #: Of the largest contribution: what is below is not said to matter (taste).
 DISCREPANCY_PART = 0.4
 

@@ -20,7 +20,7 @@ from . import spatial_lines
 from .fit import Fit, normal
 from .fold import Fold, Side
 from .library import Box, Scales, alternatives, scans
-from .rules import GLANCE
+from .rules import DIVERGED_COLUMN, GLANCE
 
 Array = NDArray[np.float64]
 
@@ -34,8 +34,6 @@ class Score:
     term : Term
     gain : float
         R2 gain: share of the whitened energy of the gap.
-    statistic : float
-        Block-robust F statistic of the columns.
     starts : list of mapping
         Starting values of the effect's parameters, by short name: the best ones for each choice
         of its nuisances, the best of all first.
@@ -45,7 +43,6 @@ class Score:
 
     term: Term
     gain: float
-    statistic: float
     starts: list[dict[str, float]]
     scores: Array
 
@@ -86,7 +83,8 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
         directions = (
             _direction(side, fit, now, term, shape) for shape in _shapes(term, side.scales, lines)
         )
-        scores = [_score(d, basis, e, fold) for d in directions if d is not None]
+        usable = (d for d in directions if d is not None and _sound(d.columns))
+        scores = [_score(d, basis, e, fold) for d in usable]
         if scores:
             found[term.name] = _best(term, scores)
     return found
@@ -148,6 +146,11 @@ def _law(term: Term, index: int, shape: dict[str, float], simulation: Simulation
     return term.force(q, dq, ddq, unit, simulation.tau[:, 0], simulation.t - simulation.t[0])
 
 
+def _sound(columns: Array) -> bool:
+    """Whether columns are of a loop that did not diverge: its end may be huge and finite."""
+    return bool(np.max(np.abs(columns), initial=0.0) < DIVERGED_COLUMN)
+
+
 def _orthonormal(J: Array) -> Array:
     scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     return np.linalg.qr(J / scale)[0]
@@ -167,16 +170,8 @@ def _score(d: _Direction, basis: Array, e: Array, fold: Fold) -> Score:
         gain = 0.0
     rest = e - explained
     scores = fold.block_sums(explained * rest)
-    return Score(d.term, gain, _statistic(C, rest, beta, fold), [start], scores)
+    return Score(d.term, gain, [start], scores)
 
 
 def _within(term: Term, values: Mapping[str, float]) -> bool:
     return all(p.lower <= values[p.name] <= p.upper for p in term.parameters)
-
-
-def _statistic(C: Array, e: Array, beta: Array, fold: Fold) -> float:
-    scores = fold.block_sums(C * e[:, None])
-    bread = C.T @ C
-    meat = scores.T @ scores
-    value = beta @ bread @ np.linalg.lstsq(meat, bread @ beta, rcond=1e-9)[0]
-    return float(value) / len(beta)

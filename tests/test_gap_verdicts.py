@@ -1,0 +1,109 @@
+"""What a verdict rests on: changed settings, a third judge, a tolerance, a smaller force error."""
+
+import json
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from benchmarks import moves
+from ivtools.gap.discrepancy import Basis
+from ivtools.gap.preflight import overlap, told_apart
+from ivtools.physics import Parameter, Term
+
+BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+SECONDS = 16.0
+
+
+def record(seed, loop=None, **base):
+    """Return a record of the EMPS with other base parameters, in force noise of 0.6 N."""
+    loop = loop or iv.axes.emps()
+    return moves.record(loop, loop.values({**BASE, **base}), SECONDS, seed)
+
+
+def hills(q, dq, ddq, sign, tau, t, size):
+    """A bumpy track: a force over position that no effect of the library is."""
+    return size * (np.sin(40.0 * q) * np.cos(17.0 * q + 1.0) + 0.6 * np.sin(71.0 * q))
+
+
+HILLS = Term("hills", "mechanics", (Parameter("size", "{F}"),), "bumps", "a test", law=hills)
+
+
+@pytest.mark.parametrize(("name", "value"), [("inertia", 112.0), ("coulomb", 15.0)])
+def test_a_changed_setting_is_said_and_is_not_adequate(name, value):
+    gap = iv.diagnose(record(1), iv.axes.emps(), record(2, **{name: value}))
+    assert gap.verdict == "non-repeatable" and gap.effects == ()
+    assert list(gap.changed) == [name]
+    found = json.loads(json.dumps(gap.to_dict()))["changed"][name]
+    assert found["record"] == pytest.approx(BASE[name], rel=0.03)
+    assert found["holdout"] == pytest.approx(value, rel=0.03)
+    assert "between the records" in gap.summary()
+
+
+@pytest.fixture(scope="module")
+def judged():
+    loop = iv.axes.emps().with_effect("asymmetric-viscous", delta=-40.0)
+    one, two, three = (record(seed, loop) for seed in (3, 4, 5))
+    return iv.diagnose(one, iv.axes.emps(), two, judge=three)
+
+
+def test_a_third_record_judges_with_clean_figures(judged):
+    shrink = judged.to_dict()["shrink"]
+    third = shrink["judged"]
+    assert third["before"] > 1.2 * third["after"]
+    assert third["interval"][0] < third["after"] < third["interval"][1]
+    assert third["after_frozen"] == pytest.approx(third["after"], rel=0.1)
+    assert shrink["after_frozen"] == pytest.approx(shrink["after"], rel=0.1)
+    assert "took part in nothing" in judged.summary()
+
+
+def test_the_gap_is_said_in_newtons_and_per_cent_of_the_force(judged):
+    gap = judged.to_dict()["gap"]
+    assert gap["unit"] == "N" and gap["before"] == judged.shrink.before
+    assert gap["percent_of_force"] == pytest.approx(100 * gap["before"] / judged.shrink.force)
+    assert "% of the force" in judged.summary()
+
+
+def test_a_gap_below_the_tolerance_is_negligible_in_words():
+    loop = iv.axes.emps().with_effect("asymmetric-viscous", delta=-40.0)
+    one, two = record(6, loop), record(7, loop)
+    assert "negligible" not in iv.diagnose(one, iv.axes.emps(), two).summary()
+    wide = iv.diagnose(one, iv.axes.emps(), two, tolerance=50.0)
+    assert "negligible" in wide.summary() and wide.effects == ("asymmetric-viscous",)
+
+
+def test_what_has_no_name_is_described():
+    loop = iv.axes.emps().with_effect(HILLS, size=6.0)
+    gap = iv.diagnose(record(8, loop), iv.axes.emps(), record(9, loop))
+    left = gap.to_dict()["discrepancy"]
+    assert gap.effects == () and left is not None
+    assert left["over"][0] == "q" and left["repeats"] and left["unit"] == "N"
+    assert 1.5 < left["rms"] < 6.0
+    assert "not among the known effects" in gap.summary()
+
+
+def test_hat_functions_add_up_to_one():
+    run = iv.axes.emps().simulate(iv.datasets.twin(), BASE)
+    basis = Basis.of([run])
+    assert np.allclose(basis.hats("q", run.q[:, 0]).sum(axis=1), 1.0)
+    assert basis.penalty().shape[1] == basis.columns(run).shape[1]
+
+
+def test_standing_still_with_a_coarse_encoder_is_not_the_same_record():
+    t = np.arange(8000) * 1e-3
+    rest = np.where((t % 2.0) < 1.0, 0.0, np.sin(np.pi * (t % 2.0)))
+    noise = np.random.default_rng(0)
+    one, two = (
+        iv.Record(t, q=1e-3 * np.round(100 * rest), q_ref=0.1 * rest, nu=n)
+        for n in (np.where(rest == 0.0, 0.0, noise.normal(size=8000)) for _ in (0, 1))
+    )
+    assert overlap(one, two) == overlap(two, one) == []
+    assert overlap(one, one)[0].fatal
+
+
+def test_one_direction_of_motion_leaves_one_friction():
+    t = np.arange(8000) * 1e-3
+    there = iv.Record(t, q=t, q_ref=t, nu=np.sin(t))
+    assert "offset" not in told_apart([there], iv.axes.emps()).names
+    back = iv.Record(t, q=np.sin(t), q_ref=np.sin(t), nu=np.sin(t))
+    assert told_apart([back], iv.axes.emps()).names == iv.axes.emps().names
