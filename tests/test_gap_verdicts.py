@@ -79,7 +79,7 @@ def test_what_has_no_name_is_described():
     assert gap.effects == () and left is not None
     assert left["over"][0] == "q" and left["repeats"] and left["unit"] == "N"
     assert 1.5 < left["rms"] < 6.0
-    assert "not among the known effects" in gap.summary()
+    assert gap.verdict == "unexplained" and "left: a force of" in gap.summary()
 
 
 def test_hat_functions_add_up_to_one():

@@ -256,8 +256,9 @@ def _answer(
         shrink = replace(shrink, judged=quantify.judge(loop, third, result))
     before, after = cost(result.base), cost(result.held)
     changed = verdict.changes(result, task.tolerance)
-    word = verdict.decide(effects, measured, result, shrink, changed, task.tolerance)
     left = None if after <= ADEQUATE else discrepancy.describe(result.held)
+    repeats = 0.0 if left is None else left.gain
+    word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
     return Diagnosis(
         verdict=word,
         effects=effects,

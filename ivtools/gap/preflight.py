@@ -28,6 +28,7 @@ from .rules import (
     FOLLOWS,
     GROSS_GAIN,
     INERTIA_RANGE,
+    LEAST_SAMPLES,
     LEAST_TIME,
     LIMIT_SAMPLES,
     LOCK,
@@ -213,14 +214,23 @@ def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
 
 
 def _length(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
-    kept = float(usable(record, loop).sum()) * record.dt
-    if kept >= LEAST_TIME:
+    samples = int(usable(record, loop).sum())
+    kept, whole = samples * record.dt, record.n_samples * record.dt
+    if kept < LEAST_TIME:
+        return [
+            Finding(
+                f"only {kept:.1f} s of the record's {whole:.1f} s show motion that can be "
+                f"compared; give at least {LEAST_TIME:g} s, better 20 s, with several reversals"
+            )
+        ]
+    if samples >= LEAST_SAMPLES:
         return []
-    whole = record.n_samples * record.dt
+    needed = LEAST_SAMPLES * record.dt * whole / kept
     return [
         Finding(
-            f"only {kept:.1f} s of the record's {whole:.1f} s show motion that can be compared; "
-            f"give at least {LEAST_TIME:g} s, better 20 s, with several reversals"
+            f"only {samples} samples show motion that can be compared, and the noise needs "
+            f"{LEAST_SAMPLES} to be known: at {record.sampling_hz:.4g} Hz record {needed:.0f} s or "
+            "more, or sample faster"
         )
     ]
 
@@ -391,11 +401,12 @@ def _shared(record: Record, holdout: Record) -> float:
 def _held(one: Array, two: Array, windows: int = 40, width: int = 50) -> float:
     """Return the share of the stretches of `two` that `one` holds, sample for sample.
 
-    Only stretches in which position and command move: standing still is the same in any record.
+    Only stretches in which the position moves and the command does all the time: standing still is
+    the same in any record.
     """
     starts = np.linspace(0, len(two) - width, windows).astype(int)
     parts = [two[s : s + width] for s in starts]
-    moving = [p for p in parts if min(len(np.unique(c)) for c in p.T) >= MOVING * width]
+    moving = [p for p in parts if np.ptp(p[:, 0]) and len(np.unique(p[:, 1])) >= MOVING * width]
     return float(np.mean([_holds(one, p) for p in moving])) if moving else 0.0
 
 

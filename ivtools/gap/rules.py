@@ -62,6 +62,8 @@ PARITY_BLOCKS = 40
 
 #: Seconds of usable motion at least (training: below, no effect replicates).
 LEAST_TIME = 3.0
+#: Samples of usable motion at least (theory: fifty per coefficient of the noise model).
+LEAST_SAMPLES = 1000
 #: Travel of the position per travel of its reference (physics).
 FOLLOWS = (0.2, 5.0)
 #: Correlation of a position with the reference that it follows (training).
@@ -232,6 +234,8 @@ UNLIKE_SMOOTH = 0.5
 PENALTIES = (1e-4, 1e-2, 1.0, 100.0)
 #: Block t value, on either fold, of the energy that it saves (training).
 DISCREPANCY_T = 3.0
+#: Share of what is left from which it repeats, whatever stands out beside it (definition).
+REPEATS = 0.3
 #: Of the force error: what is smaller is not worth a word (taste).
 DISCREPANCY_SIZE = 0.1
 #: Of the largest contribution: what is below is not said to matter (taste).

@@ -18,7 +18,17 @@ from .floor import Measured
 from .parity import Parity
 from .preflight import Finding
 from .quantify import Shrink
-from .rules import ADEQUATE, CHANGED, CHANGED_BY, CHANGED_T, EXPLAINED, OVER_FLOOR, STEADY, Rules
+from .rules import (
+    ADEQUATE,
+    CHANGED,
+    CHANGED_BY,
+    CHANGED_T,
+    EXPLAINED,
+    OVER_FLOOR,
+    REPEATS,
+    STEADY,
+    Rules,
+)
 
 Pair = tuple[float | None, float | None]
 
@@ -89,6 +99,7 @@ def decide(
     result: Attribution,
     shrink: Shrink,
     changed: Mapping[str, Setting],
+    repeats: float,
     tolerance: float,
 ) -> str:
     """Return the verdict, a key of `VERDICTS`.
@@ -102,13 +113,15 @@ def decide(
     shrink : Shrink
     changed : mapping
         Base parameters that differ between the records.
+    repeats : float
+        Share of what is left that comes again on held-out data without having a name.
     tolerance : float
         Per cent of the force below which a gap is negligible.
     """
     small = shrink.remainder < 0.01 * tolerance * shrink.force
     if effects:
         return "explained" if small or shrink.closed >= EXPLAINED else "partial"
-    if changed or any(m.floor.isolated for m in measured):
+    if changed or (repeats < REPEATS and any(m.floor.isolated for m in measured)):
         return "non-repeatable"
     between = measured[-1].floor.between
     above = between is not None and shrink.after > OVER_FLOOR * between and not small
