@@ -160,9 +160,11 @@ def test_most_of_the_record_at_rest_is_said(twin, loop):
     assert "s show motion" in refusal(moved(loop, twin, np.clip(0.1 * twin.t, 0.0, 0.04)), loop)
 
 
-def test_one_direction_is_said(twin, loop):
+def test_one_direction_is_said_and_leaves_one_friction(twin, loop):
     q_ref = 0.02 * twin.t + 0.004 * np.sin(np.pi * twin.t)
-    assert "one direction only" in refusal(moved(loop, twin, q_ref), loop)
+    found = iv.diagnose(moved(loop, twin, q_ref), loop)
+    assert any("count as one" in f.text and not f.fatal for f in found.findings)
+    assert found.shrink is not None and "offset" not in found.theta
 
 
 def test_one_direction_is_enough_for_a_model_without_offset(twin, loop):
