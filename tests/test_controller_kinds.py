@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import populations
+from ivtools import IDIMLS, Problem
 from ivtools.errors import AxisError, RecordError
 from ivtools.gap import parity
 from ivtools.loop import ClosedLoop, Controller
@@ -133,3 +134,16 @@ def test_what_a_law_needs_and_a_record_lacks_is_said():
             parity.check(record, bound)
     with pytest.raises(RecordError, match="dq_ref is missing, and q_ref too"):
         replace(loop, controller=law).simulate(record.replace(q_ref=None), theta)
+
+
+def test_an_axis_without_controller_is_identified_from_its_command():
+    rng = np.random.default_rng(2)
+    loop, theta, stroke = populations.axis(rng, "revolute")
+    given = populations.reference(rng, 8000, 500.0, stroke)
+    law = populations.scaled(
+        populations.controller(rng, "p-pi", theta["inertia"], 500.0), loop.gain
+    )
+    made = replace(loop, controller=law).simulate(given, theta, initial="rest")
+    fit = IDIMLS().fit(Problem(given.replace(q=made.q, nu=made.nu, q_ref=None), loop))
+    assert fit.params["inertia"] == pytest.approx(theta["inertia"], rel=0.01)
+    assert fit.params["coulomb"] == pytest.approx(theta["coulomb"], rel=0.03)

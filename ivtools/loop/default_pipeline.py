@@ -26,6 +26,8 @@ SLOWLY = ("stribeck", "regularised-coulomb", "presliding", "sqrt-viscous", "back
 
 SLOW = 0.02  # of the highest speed: slower is a reversal or a standstill
 CERTAIN = 6.0  # standard deviations of the velocity's noise: faster has a direction
+ABOVE = 10.0  # times the power of the noise: a motion
+MOST = 0.95  # of the velocity's power that the band of a free motion holds
 LEAST = 0.2  # of the rows a mask must leave
 
 
@@ -33,8 +35,12 @@ def default_pipeline(loop: ClosedLoop, record: Record, rule: Rule, **settings: A
     """Return the pipeline of a record; see `ClosedLoop.pipeline`."""
     if rule not in get_args(Rule):
         raise AxisError(f"pipeline rule {rule!r} is unknown; use {' or '.join(get_args(Rule))}")
-    inertia = loop.start.get("inertia") or rough_inertia(loop, record)
-    natural = loop.known(record).natural_frequency_hz(record.dt, inertia)
+    known = loop.known(record)
+    if known.controller.kind == "none":
+        natural = motion_hz(record)
+    else:
+        inertia = loop.start.get("inertia") or rough_inertia(loop, record)
+        natural = known.natural_frequency_hz(record.dt, inertia)
     if not natural > 0.0:
         raise AxisError(
             "the closed loop has no mode of its own; check the controller's gains, or give a "
@@ -50,6 +56,21 @@ def default_pipeline(loop: ClosedLoop, record: Record, rule: Rule, **settings: A
         pipeline = replace(pipeline, trim=2 * pipeline.trim[:1])  # filters extrapolate at both ends
     slow = {term.name for term in loop.terms} & {*SLOWLY}
     return pipeline if slow or {"min_speed", "guard"} & {*settings} else _masked(pipeline, record)
+
+
+def motion_hz(record: Record) -> float:
+    """Return the frequency, Hz, below which nearly all of the measured velocity's power lies.
+
+    Without a controller no mode of a loop says how fast an axis moves. What does not stand out of
+    the encoder's noise, whose spectrum is flat, does not count.
+    """
+    q = record.q[:, 0]
+    window = np.hanning(len(q))
+    power = np.abs(np.fft.rfft((q - q.mean()) * window)) ** 2
+    hz = np.fft.rfftfreq(len(q), record.dt)
+    noise = float(np.median(power[len(power) // 2 :]))
+    speed = np.where(power > ABOVE * noise, hz**2 * power, 0.0)
+    return float(hz[np.searchsorted(speed.cumsum(), MOST * speed.sum())])
 
 
 def _masked(pipeline: Pipeline, record: Record) -> Pipeline:

@@ -25,6 +25,7 @@ _WORSE = 1e3  # times the power left of the best law from which a form is none
 _CONSTANTS = 2  # columns of a cascade's form that are no settings of it
 _PART = 5000  # samples among which a filter is looked for
 _STARTS = 2  # laws with filters that are fitted, of each sort of filter
+_UNLIKELY = 0.7  # prices of a setting that a kind must be better by if it is the less likely one
 _ALIKE = 0.2  # of the price of a setting: laws as good as each other
 _FILTERED = 1e-7  # share of the power left from which a filter in the loop is looked for
 _WORTH = 0.5  # of the residual's power that it must remove
@@ -61,9 +62,11 @@ def _best(loop: ClosedLoop, data: Data) -> tuple[Fitted | None, list[Tried]]:
     fitted = _fitted(loop, data, [*forms, *_grown(regressions, forms)])
     if not fitted:
         return None, tried
-    best = _chosen(loop, fitted, len(data.rows))
+    rows, follows = len(data.rows), data.record.q_ref is not None
+    best = _chosen(loop, fitted, rows, follows)
     if best.left > _FILTERED:
-        best = _chosen(loop, [*fitted, *_surrounded(loop, data, best.left)], len(data.rows))
+        surrounded = _surrounded(loop, data, best.left)
+        best = _chosen(loop, [*fitted, *surrounded], rows, follows)
     return best, tried
 
 
@@ -102,10 +105,19 @@ def _fitted(loop: ClosedLoop, data: Data, forms: list[Form]) -> list[Fitted]:
     return [f for f in found if plausible(f.controller.settings, data.sign)]
 
 
-def _chosen(loop: ClosedLoop, fitted: list[Fitted], rows: int) -> Fitted:
-    """Return the cheapest law; among equals the declared kind, then the nearest to it."""
-    least = min(f.criterion for f in fitted)
-    alike = [f for f in fitted if f.criterion <= least + _ALIKE * price(rows)]
+def _chosen(loop: ClosedLoop, fitted: list[Fitted], rows: int, follows: bool) -> Fitted:
+    """Return the cheapest law; among equals the declared kind, then the nearest to it.
+
+    Where a position reference is logged, the integral of the velocity's error is more likely the
+    error of the position.
+    """
+
+    def cost(f: Fitted) -> float:
+        unlikely = follows and f.controller.kind == "pi-velocity" != loop.controller.kind
+        return f.criterion + _UNLIKELY * price(rows) * unlikely
+
+    least = min(cost(f) for f in fitted)
+    alike = [f for f in fitted if cost(f) <= least + _ALIKE * price(rows)]
     order = ["cascade-pd", "p-pi", "pd", "pi-velocity", "p-velocity", "pid"]
 
     def rank(f: Fitted) -> tuple[bool, int, float]:
