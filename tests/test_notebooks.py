@@ -4,6 +4,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from conftest import measured
 from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parents[1] / "notebooks"
@@ -15,10 +16,10 @@ def notebook(request):
     return nbformat.read(request.param, as_version=4)
 
 
-def test_the_notebook_runs(notebook, request):
-    """Records that it needs are named in its metadata; the fixtures skip without them."""
+def test_the_notebook_runs(notebook):
+    """Records that it needs are named in its metadata; skipped without them."""
     for name in notebook.metadata.get("ivtools", {}).get("needs", []):
-        request.getfixturevalue(name.replace("-", "_"))
+        measured(name)
     resources = {"metadata": {"path": str(FOLDER)}}
     NotebookClient(notebook, timeout=240, kernel_name="python3", resources=resources).execute()
 

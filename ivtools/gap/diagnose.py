@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ..errors import EstimationError, IVToolsError
+from ..errors import IVToolsError
 from ..loop import ClosedLoop
+from ..loop.rough_inertia import rough_inertia
 from ..physics import Term
 from ..record import Record
 from . import advice, discrepancy, floor, locate, parity, preflight, quantify, response, verdict
@@ -343,10 +344,8 @@ def _measure(record: Record, checked: Parity) -> Measured:
         record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
     scales = Scales(record, loop)
     values = start(Fold(record, usable(record, loop)), loop)
-    if not values.get("inertia", 1.0) > 0.0:
-        raise EstimationError(
-            f"the record suggests an inertia of {values['inertia']:.3g}; check units and signs"
-        )
+    if not values.get("inertia", 1.0) > 0.0:  # a pendulum or a spring that the model lacks
+        values = {**values, "inertia": rough_inertia(loop, record)}
     heard = response.measure(loop, record, values)
     fold = Fold(record, usable(record, loop), response=heard, label=record.name)
     step = steps(fold, loop, scales)

@@ -33,8 +33,8 @@ NOTES = (
     "is the offset, integrated.",
     "Command to velocity: one pole does far better than printed (16 % by SRIVC, 21 % with a noise "
     "model). What stays with one is dry friction, which no transfer function has. A search over "
-    "detrending, resampling, method, structure and initial conditions is in "
-    "benchmarks/results/report_digits.md.",
+    "detrending, resampling, method, structure and initial conditions is "
+    "benchmarks/report_digits.py.",
     "Reference to position: the controller hides the plant; any second-order system near 20 Hz "
     "with unit gain fits, and says nothing about friction.",
 )
