@@ -45,7 +45,7 @@ class Pair(NamedTuple):
     y_s: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Problem:
     """What an estimator works on: y = X theta + e, and the loop that makes instruments.
 
@@ -82,6 +82,14 @@ class Problem:
         object.__setattr__(self, "loop", self.loop.known(self.record))
         if self.pipeline is None:
             object.__setattr__(self, "pipeline", self.loop.pipeline(self.record))
+
+    def __repr__(self) -> str:
+        return f"Problem: {', '.join(self.names)} of {self.loop!r} from {self.record!r}"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<p>{escape(repr(self))}</p>"
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -61,3 +61,18 @@ def test_records_and_simulations_draw_themselves(twin):
     theta = {"inertia": 95, "viscous": 200, "coulomb": 20, "offset": 0}
     assert len(twin.plot().axes) == 3
     assert len(iv.axes.emps().simulate(twin, theta).plot().axes) == 3
+
+
+def test_a_loop_shows_itself_shortly_and_linearises(twin):
+    import control
+
+    loop = iv.axes.emps()
+    assert len(repr(loop)) < 120 and "<pre>" in loop._repr_html_()
+    assert len(repr(iv.Problem(twin, loop))) < 300
+    theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": 0.0}
+    system = loop.system(theta, linear=True)
+    assert abs(system.poles()).max() < 1.0
+    _, q = control.step_response(system, 1.0)
+    assert q[-1] == pytest.approx(1.0, rel=1e-3)
+    response = [abs(system(np.exp(2j * np.pi * hz * 1e-3))) for hz in (0.01, 200.0)]
+    assert response[0] == pytest.approx(1.0, rel=1e-3) and response[1] < 0.1

@@ -30,7 +30,7 @@ _LONGEST_DELAY = 10.0  # s; what is longer is a slip of the unit
 Initial = Literal["record", "rest"] | tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ClosedLoop(Model):
     """An axis and its controller: what can be identified, and simulated.
 
@@ -374,6 +374,7 @@ class ClosedLoop(Model):
         *,
         dt: float = 1e-3,
         substeps: int | None = None,
+        linear: bool = False,
     ) -> control.InterconnectedSystem:
         """Return the closed loop as a discrete python-control system with named signals.
 
@@ -385,6 +386,9 @@ class ClosedLoop(Model):
             Sampling step, s.
         substeps : int, optional
             Integration steps per sample.
+        linear : bool
+            Inertia and viscous friction alone, from q_ref to q with dq_ref at 0, off stiction and
+            limit: a `control.StateSpace` for ``bode_plot`` and ``step_response``.
 
         Returns
         -------
@@ -392,9 +396,19 @@ class ClosedLoop(Model):
             Inputs q_ref, dq_ref, added, and feed if the controller has feed-forwards or further
             measured columns, whose sum in command units it is; outputs q, dq, nu, tau.
         """
-        from .system import system
+        from .system import linearised, system
 
-        return system(self, self.values(theta), dt, substeps or self.substeps)
+        make = linearised if linear else system
+        return make(self, self.values(theta), dt, substeps or self.substeps)
+
+    def __repr__(self) -> str:
+        terms = ", ".join(term.name for term in self.terms)
+        return f"ClosedLoop {self.name!r}: {self.joint}, {self.controller.kind}, {terms}"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f"<p>{escape(repr(self))}</p><pre>{escape(self.to_toml())}</pre>"
 
     def natural_frequency_hz(self, dt: float, inertia: float | None = None) -> float:
         """Return the bandwidth of the rigid loop without dry friction, Hz.

@@ -51,6 +51,24 @@ def system(
     )
 
 
+def linearised(
+    loop: ClosedLoop, values: Mapping[str, float], dt: float, substeps: int
+) -> control.StateSpace:
+    """Return the rigid loop without dry friction, from q_ref to q; see `ClosedLoop.system`."""
+    rigid = loop.with_terms("inertia", "viscous")
+    viscous = values.get("viscous", values.get("viscous_pos", 0.0))
+    full = system(rigid, {"inertia": values["inertia"], "viscous": viscous}, dt, substeps)
+    near = control.linearize(full, np.zeros(full.nstates), np.zeros(full.ninputs))
+    seen = np.abs(near.C[0]) > 0.0
+    for _ in range(full.nstates):  # what the position feels, directly or through other states
+        seen = seen | (np.abs(near.A[seen]) > 0.0).any(axis=0)
+    keep = np.flatnonzero(seen)
+    A, B = near.A[np.ix_(keep, keep)], near.B[keep, :1]
+    return control.ss(
+        A, B, near.C[:1, keep], near.D[:1, :1], dt, inputs="q_ref", outputs="q", name=loop.name
+    )
+
+
 def fed(controller: Controller) -> bool:
     """Whether a controller has one more input: feed-forwards and further measured columns."""
     return bool(controller.feedforward or controller.feedback or controller.kind == "none")
