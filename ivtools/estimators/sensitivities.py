@@ -154,6 +154,7 @@ def scales(problem: Problem) -> dict[str, float]:
     stroke = float(np.ptp(record.q))
     return {
         "force": force,
+        "peak": float(np.max(np.abs(problem.force))),
         "speed": float(np.max(np.abs(problem.motion.dq))),
         "stroke": stroke,
         "time": float(np.ptp(record.t)),
