@@ -42,8 +42,8 @@ other eleven axes (`conveyor`, with 36 % of standstill, is one of them) every fi
 `idim-bciv`, `idim-piv`, `didim` and `clie` converged, and none is more than 4 standard errors off;
 what is more than 20 % off there is the viscous friction of the `hinge` (2000 counts per turn),
 by as much as its interval says. Least squares is biased by a coarse encoder, as it must be: up to 8
-standard deviations. `cloe` cannot see an offset behind integral action and says so, and is too sure on
-velocity loops. Without noise every method but two returns the truth to 0.7 %: `cloe` (2.8 %),
+standard deviations. `cloe` cannot see an offset behind integral action and says so; it is too sure
+on velocity loops. Without noise every method but two returns the truth to 0.7 %: `cloe` (2.8 %),
 and `set-membership`. Not run: `oloe`, which drifts (see the study `methods`), and `nsga2`.
 """
 
