@@ -16,6 +16,7 @@ from ..record import Record
 from ..simulators.difference import Difference, difference
 from ..tables import Text, table
 from .diagnosis import Diagnosis
+from .rules import SECOND_ORDER
 
 Diagnose = Callable[..., Diagnosis]  # of a record and a holdout; named=False names nothing
 _ALL = 0.97  # of the reducible gap: what closes more needs no other answer
@@ -70,10 +71,9 @@ def against(
     logs = [(a, b) for a, b in pairs if a is not None and b is not None]
     lacking = [difference(real, sim, loop) for real, sim in logs]
     found = diagnose(*_records(lacking))
-    if found.negligible:  # a difference of two logs is right to first order only
-        if found.effects:
-            found = diagnose(*_records(lacking), named=False)
-        return _told(replace(found, verdict="adequate"), lacking, surplus=False)
+    if found.effects and _explains(found) < SECOND_ORDER * _parted(lacking[-1], loop):
+        plain = diagnose(*_records(lacking), named=False)
+        return _told(replace(plain, verdict="adequate"), lacking, surplus=False)
     if found.verdict != "adequate" and _closed(found) < _ALL:
         try:
             turned = [difference(sim, real, loop) for real, sim in logs]
@@ -88,6 +88,17 @@ def against(
 def _records(pairs: list[Difference]) -> tuple[Record, Record | None]:
     """Return the record of a diagnosis, and its holdout."""
     return pairs[0].record, pairs[1].record if len(pairs) > 1 else None
+
+
+def _explains(found: Diagnosis) -> float:
+    """Return the rms force that the named effects explain, N or N m."""
+    s = found.shrink
+    return 0.0 if s is None else float(np.sqrt(max(s.before**2 - s.after**2, 0.0)))
+
+
+def _parted(pair: Difference, loop: ClosedLoop) -> float:
+    """Return the rms force by which simulator and axis differ, N or N m."""
+    return float(np.sqrt(np.mean((loop.force(pair.real) - loop.force(pair.simulated)) ** 2)))
 
 
 def _closed(found: Diagnosis) -> float:
