@@ -71,18 +71,30 @@ def against(
     logs = [(a, b) for a, b in pairs if a is not None and b is not None]
     lacking = [difference(real, sim, loop) for real, sim in logs]
     found = diagnose(*_records(lacking))
-    if found.effects and _explains(found) < SECOND_ORDER * _parted(lacking[-1], loop):
-        plain = diagnose(*_records(lacking), named=False)
-        return _told(replace(plain, verdict="adequate"), lacking, surplus=False)
-    if found.verdict != "adequate" and _closed(found) < _ALL:
+    answers = [(found, lacking, False)]
+    enough = _closed(found) >= _ALL and len(found.effects) == 1
+    if found.verdict != "adequate" and not enough:
         try:
             turned = [difference(sim, real, loop) for real, sim in logs]
-            other = diagnose(*_records(turned))
+            answers.append((diagnose(*_records(turned)), turned, True))
         except IVToolsError:
-            other = None  # the simulator's log alone carries no diagnosis
-        if other is not None and _closed(other) > _closed(found):
-            return _told(other, turned, surplus=True)
-    return _told(found, lacking, surplus=False)
+            pass  # the simulator's log alone carries no diagnosis
+    good = [answer for answer in answers if _material(*answer, loop)]
+    if good:
+        return _told(*max(good, key=lambda answer: _worth(answer[0])))
+    if found.effects:
+        found = replace(diagnose(*_records(lacking), named=False), verdict="adequate")
+    return _told(found, lacking, False)
+
+
+def _worth(found: Diagnosis) -> tuple[float, int]:
+    """Return how far an answer closes the gap, then how few effects it takes."""
+    return min(_closed(found), _ALL), -len(found.effects)
+
+
+def _material(found: Diagnosis, pairs: list[Difference], surplus: bool, loop: ClosedLoop) -> bool:
+    """Whether named effects explain more than the second order of the difference of two logs."""
+    return bool(found.effects) and _explains(found) >= SECOND_ORDER * _parted(pairs[-1], loop)
 
 
 def _records(pairs: list[Difference]) -> tuple[Record, Record | None]:
