@@ -36,7 +36,7 @@ def test_a_result_with_a_figure_has_it_on_its_page(tmp_path):
     fit = FitResults.from_solution("idim-ls", [2.0, 1.0], X, X @ [2.0, 1.1], names=["a", "b"],
                                    t=np.arange(60.0))  # fmt: skip
     page = fit.to_html(tmp_path / "fit.html").read_text(encoding="utf-8")
-    assert "IDIM-LS estimate" in page and "data:image/svg+xml" in page
+    assert "IDIM-LS estimate" in page and "<svg" in page
 
 
 @pytest.mark.parametrize(
@@ -58,12 +58,15 @@ def test_complex_numbers_are_pairs_and_tuples_lists():
     assert plain((1 + 2j, (3.0,))) == [[1.0, 2.0], [3.0]]
 
 
+_OTHERS = ("Displayed", "Text", "Record", "ClosedLoop", "Problem", "Score")
+
+
 def test_no_room_writes_these_faces_again():
-    """What shows itself in a notebook is Displayed, but for a text, a record and gap's own."""
+    """What shows itself in a notebook is Displayed, but for inputs, texts and gap's own."""
     for module in pkgutil.walk_packages(ivtools.__path__, "ivtools."):
         if module.name.startswith(("ivtools.gap", "ivtools.cli")) or "__main__" in module.name:
             continue
         for kind in vars(importlib.import_module(module.name)).values():
             own = isinstance(kind, type) and kind.__module__ == module.name
             if own and "_repr_html_" in vars(kind):
-                assert kind.__name__ in ("Displayed", "Text", "Record", "Score"), kind
+                assert kind.__name__ in _OTHERS, kind

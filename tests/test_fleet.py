@@ -103,7 +103,7 @@ def test_the_folder_holds_a_page_each_an_overview_and_the_table(fleet):
         "axis_0.html", "axis_1.html", "short.html",
     ]  # fmt: skip
     overview = (fleet.folder / "index.html").read_text(encoding="utf-8")
-    assert overview.count('href="records/') == 3 and "data:image/svg+xml" in overview
+    assert overview.count('href="records/') == 3 and "<svg" in overview
     assert "Diagnosis of axis_0" in fleet["axis_0"].page.read_text(encoding="utf-8")
     read = pd.read_csv(fleet.folder / "fleet.csv")
     assert read["after"].tolist() == pytest.approx(

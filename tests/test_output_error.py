@@ -94,6 +94,6 @@ def test_measured_and_simulated_position_take_the_same_way(exact):
 def test_the_figure_names_the_signal(exact):
     fit = CLOE().fit(exact)
     above, below = fit.plot().axes
-    assert above.get_ylabel() == "Position (m)"
-    assert "Error" in below.get_ylabel()
+    assert above.get_ylabel() == "position, m"
+    assert "error" in below.get_ylabel()
     assert "the error is that of the simulated position" in fit.notes

@@ -161,9 +161,9 @@ def test_a_curve_shows_itself(curve):
 def test_a_curve_draws_itself(curve):
     figure = curve.plot(models={"symmetric": {"coulomb": 20.0, "viscous": 200.0, "offset": -3.0}})
     above, below = figure.axes
-    assert above.get_xlabel() == "velocity (m/s)"
+    assert above.get_xlabel() == "velocity, m/s"
     assert len(above.get_legend().get_texts()) == 3
-    assert below.get_ylabel() == "|friction| (N)"
+    assert below.get_ylabel() == "|friction|, N"
 
 
 def test_one_direction_is_one_branch(twin):

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
 
 from ivtools.errors import EstimationError
 from ivtools.linalg.autocovariance import autocovariance, taken
@@ -122,17 +123,17 @@ class NoiseModel:
         cls, acov: Array, starts: NDArray[np.intp] | None = None, label: str = ""
     ) -> NoiseModel:
         """Return the model of order p that an autocovariance (p + 1,) defines (Levinson)."""
-        from statsmodels.tsa.stattools import levinson_durbin
-
         acov, p = np.array(acov, dtype=float), len(acov) - 1
         acov[0] *= 1.0 + _FLOOR
-        variances, phi = levinson_durbin(acov, p, isacov=True)[3:]
-        variances[0] = acov[0]
+        orders = np.zeros((p + 1, p))  # row i: the coefficients of order i
+        for i in range(1, p + 1):
+            orders[i, :i] = solve_toeplitz(acov[:i], acov[1 : i + 1])
+        variances = acov[0] - orders @ acov[1:]
         starts = np.zeros(1, dtype=np.intp) if starts is None else starts
         floor = max(float(np.finfo(float).tiny), _FLOOR * acov[0] * 1e-3)
         return cls(
-            phi[1:, :-1].T,  # row i: the coefficients of order i
-            phi[1:, p],
+            orders[:-1],
+            orders[-1],
             np.maximum(variances, floor),
             starts,
             label or f"AR({p})",
