@@ -285,6 +285,12 @@ class Record:
         _set(part, "theta_true", None)
         return part
 
+    def plot(self, joint: int = 0) -> object:
+        """Return the figure of what was logged of a joint, counted from 0."""
+        from ivtools.plots.record import record
+
+        return record(self, joint)
+
     def __repr__(self) -> str:
         joints = f"{self.n_joints} joint{'s' if self.n_joints > 1 else ''}"
         return (

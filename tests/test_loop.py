@@ -24,6 +24,7 @@ SIZES: dict[str, dict[str, float]] = {
     "polynomial-viscous": {"quadratic": 500.0, "cubic": 4000.0},
     "sqrt-viscous": {"force": 30.0},
     "position-friction": {"slope": 10.0, "curvature": 20.0},
+    "regularised-coulomb": {"force": 5.0, "speed": 0.02},
     "load-friction": {"ratio": 0.05},
     "friction-drift": {"coulomb_rate": 0.5, "viscous_rate": 3.0},
     "offset-drift": {"rate": 0.5, "curvature": 0.1},
@@ -33,6 +34,7 @@ SIZES: dict[str, dict[str, float]] = {
     "torque-ripple": {"cosine": 0.05, "sine": 0.02, "period": 0.006},
     "flexibility": {"frequency_hz": 45.0, "damping": 0.03, "load_share": 0.2},
     "backlash": {"gap": 4e-5},
+    "inner-saturation": {"force": 100.0},
     "drive-timing": {"delay": 4e-4, "lag": 6e-4},
     "saturation": {"limit": 4.0},
     "drive-asymmetry": {"gain": 0.03},
@@ -45,6 +47,7 @@ SIZES: dict[str, dict[str, float]] = {
 # the laws enter with order two and a small constant (benchmarks/results/integrator.md)
 ACCURACY = {
     "stribeck": 3e-6,
+    "regularised-coulomb": 6e-6,
     "presliding": 1e-5,
     "sqrt-viscous": 2e-5,
     "backlash": 1e-4,

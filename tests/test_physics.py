@@ -20,11 +20,11 @@ LAWS = [term for term in TERMS.values() if term.law is not None]
 DOCUMENTED = [
     "asymmetric-viscous", "stribeck", "presliding", "polynomial-viscous", "sqrt-viscous",
     "position-friction", "load-friction", "friction-drift", "offset-drift", "spring", "cogging",
-    "torque-ripple", "gravity", "flexibility", "backlash", "drive-timing", "saturation",
-    "drive-asymmetry",
+    "torque-ripple", "gravity", "regularised-coulomb", "inner-saturation", "flexibility",
+    "backlash", "drive-timing", "saturation", "drive-asymmetry",
     "dead-zone", "encoder-eccentricity", "controller-mismatch", "disturbance",
 ]  # fmt: skip
-SCALES = {"force", "speed", "stroke", "time", "step", "command", "stiffness", "one"}
+SCALES = {"force", "peak", "speed", "stroke", "time", "step", "command", "stiffness", "one"}
 
 
 @pytest.mark.parametrize("term", LAWS, ids=lambda term: term.name)

@@ -28,6 +28,7 @@ class StubProblem:
     pipeline: Pipeline = Pipeline(None, 10)  # noqa: RUF009
     names: tuple = NAMES
     units: tuple = UNITS
+    loop: None = None
 
     @property
     def columns(self):

@@ -183,18 +183,18 @@ def test_a_second_run_on_the_same_folder_is_told_who_has_it(tmp_path):
 
 def test_a_full_disk_says_what_is_kept(tmp_path, monkeypatch):
     def full(progress):
-        if progress.done == 3:
+        if progress.done >= 1:  # whatever was done together on this machine
             monkeypatch.setattr(os, "fsync", refuse)
 
     def refuse(_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with pytest.raises(DataError, match="No space left on device; what is finished is kept"):
-        small(4).run(path=tmp_path, progress=full)
+        small(400).run(path=tmp_path, progress=full)
     monkeypatch.undo()
     left = [file.name for file in tmp_path.iterdir()]
     assert left and all(name.startswith("part-") for name in left)  # nothing half-written
-    same(small(4).run(path=tmp_path), small(4).run())
+    same(small(400).run(path=tmp_path), small(400).run())
 
 
 @pytest.mark.parametrize("seeds", [0, -3, 10**12, True, 2.0, "9"])

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from ..errors import EstimationError
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..record import Record
@@ -136,6 +137,8 @@ def _scaled(columns: list[Array]) -> Array:
 def _speed(dq: Array, s: Array) -> list[Array]:
     size = np.abs(dq)
     moving = size[size > 1e-3 * size.max()]
+    if not moving.size:
+        raise EstimationError("the simulated loop stands still, or diverges: nothing to compare")
     knots = np.unique(np.quantile(moving, np.linspace(0.0, 1.0, SPEED_KNOTS)))
     hats = [np.interp(size, knots, row) for row in np.eye(len(knots))]
     return [h * s for h in hats] + [h * np.abs(s) for h in hats]

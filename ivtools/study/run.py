@@ -50,7 +50,7 @@ class Study:
     >>> case = Case("quick", iv.axes.emps(), theta, Trapezoids(3.0), force_noise=2.0)
     >>> table = Study([case], [iv.IDIMLS()], seeds=2).run()
     >>> table.shape, table["error"].unique().tolist()
-    ((8, 14), [''])
+    ((8, 15), [''])
     """
 
     cases: Sequence[Case]
