@@ -121,8 +121,11 @@ def _chosen(loop: ClosedLoop, fitted: list[Fitted], rows: int, follows: bool) ->
     order = ["cascade-pd", "p-pi", "pd", "pi-velocity", "p-velocity", "pid"]
 
     def rank(f: Fitted) -> tuple[bool, int, float]:
+        declared = loop.controller
+        other = f.controller.kind != declared.kind
+        weighted = not set(f.controller.settings) <= {*declared.settings}  # as a cascade's c = 0
         return (
-            f.controller.kind != loop.controller.kind,
+            other or weighted,
             order.index(f.controller.kind),
             _distance(f.controller, loop.controller),
         )
