@@ -166,7 +166,7 @@ def _without_preamble(lines: list[tuple[int, str]]) -> tuple[list[tuple[int, str
     the data, or the one above it if that holds the units.
     """
     last = [line for _, line in lines[: 20 * LOOK_AT]][-LOOK_AT // 2 :]
-    separator = _separator(last[-1])
+    separator = next((mark for mark in ";\t|" if mark in last[-1]), None) or _separator(last[-1])
     width = max(len(_fields(line, separator)) for line in last)
     shapes = [_fields(line, separator) for _, line in lines[: 4 * LOOK_AT]]
     rows = [_is_row(fields, width) for fields in shapes]

@@ -8,6 +8,7 @@ from foreign_logs import STYLES, Log, draw
 
 from ivtools.cli import run
 from ivtools.columns import plain_name
+from ivtools.csv_layout import sniff
 from ivtools.errors import IVToolsError
 from ivtools.guess import FirstAxis, first_axis
 from ivtools.guess.words import read
@@ -132,3 +133,16 @@ def test_what_is_no_log_is_one_line(tmp_path):
     assert run(["axis", "new"]) == 2
     assert run(["axis", "new", str(tmp_path / "none.csv")]) == 2
     assert run(["axis", "emps", "extra.csv"]) == 2
+
+
+def test_a_line_above_the_header_may_have_separators_of_its_own(tmp_path):
+    """More decimal commas than semicolons in a row, and a preamble with a semicolon."""
+    rows = "\n".join(
+        ";".join(f"{x:.3f}".replace(".", ",") for x in (i, np.sin(i / 50), np.cos(i / 50), i / 9))
+        for i in range(300)
+    )
+    file = tmp_path / "log.csv"
+    file.write_text(f"Aufzeichnung Achse X;Projekt 4711\nZeit [ms];Soll;Ist;Strom\n{rows}\n")
+    found = sniff(file)
+    assert found.names == ("Zeit [ms]", "Soll", "Ist", "Strom")
+    assert (found.separator, found.decimal, found.first_row) == (";", ",", 2)
