@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TEMPLATES = Path(__file__).parent / "templates"
-SCRIPT = "charts.js"  # of a folder of pages
 _PARTS = {
     "style": ("page.css",),
     "chart_style": ("uplot/uPlot.min.css",),

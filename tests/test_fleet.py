@@ -102,6 +102,10 @@ def test_the_folder_holds_a_page_each_an_overview_and_the_table(fleet):
     assert sorted(p.name for p in (fleet.folder / "records").glob("*.html")) == [
         "axis_0.html", "axis_1.html", "short.html",
     ]  # fmt: skip
+    pages = [p.read_text(encoding="utf-8") for p in (fleet.folder / "records").glob("*.html")]
+    shared = '<script src="../charts.js"></script>'
+    assert all("uPlot=" not in page for page in pages) and any(shared in page for page in pages)
+    assert "uPlot" in (fleet.folder / "charts.js").read_text(encoding="utf-8")
     overview = (fleet.folder / "index.html").read_text(encoding="utf-8")
     assert overview.count('href="records/') == 3 and "<svg" in overview
     assert "Diagnosis of axis_0" in fleet["axis_0"].page.read_text(encoding="utf-8")

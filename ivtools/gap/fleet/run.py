@@ -22,7 +22,7 @@ from ..diagnosis import Diagnosis
 from ..rules import Rules
 from .entry import Entry
 from .fleet import Fleet
-from .shelf import PAGES, Shelf
+from .shelf import PAGES, SHARED, Shelf
 from .source import Given, Source, sources
 
 
@@ -103,6 +103,8 @@ def diagnose_fleet(
         raise IVToolsError("there is no record to diagnose; give files, data sets or records")
     judge = None if holdout is None else sources([holdout], loop.log, data)[0]
     with resumable(None if shelf is None else shelf.folder, PAGES):
+        if shelf is not None:
+            shelf.prepare()
         entries, jobs = _planned(given, judge, shelf, loop, settings)
         clock = Clock(len(jobs), progress)
         tasks = _tasks(jobs, loop, settings, shelf is not None, entries, clock)
@@ -190,7 +192,7 @@ def _work(key: str, entry: Entry, sent: bytes, paged: bool) -> tuple[str, Entry,
     try:
         with quiet():
             found: Diagnosis = diagnose(record, loop, held, **settings)
-            html = found.page().html() if paged else ""
+            html = found.page().html(script=SHARED) if paged else ""
     except Exception as error:  # one record must not end the others
         return key, replace(entry, error=_line(error), seconds=perf_counter() - start), ""
     done = replace(

@@ -11,7 +11,8 @@ from typing import Any
 from ...files import write
 from .entry import Entry
 
-PAGES = "records"
+PAGES, SCRIPT = "records", "charts.js"
+SHARED = f"../{SCRIPT}"  # the one script, as the pages see it
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,12 @@ class Shelf:
             reused=True,
             page=page,
         )
+
+    def prepare(self) -> None:
+        """Write the script that all pages draw their charts with."""
+        from ...report import chart_script
+
+        write(self.folder / SCRIPT, chart_script())
 
     def keep(self, entry: Entry, key: str, html: str) -> Entry:
         """Write a finished entry, and return it with its page."""
