@@ -196,7 +196,7 @@ def force_chart(
     model = next((text for key, text in models.items() if key in fit.names), "")
     title = f"{fit.method.upper()}{model}: {fit.relative_error:.2f} %"
     if options.get("problem") is None:
-        options["title"] = title
+        options["title"], caption = title, f"{title}. {caption}"
     return plots.force_chart(fit, name=name, caption=caption, **options)
 
 

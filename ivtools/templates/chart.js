@@ -93,14 +93,15 @@
           y: {
             range: (u, low, high) => {
               const { min, max } = u.scales.x;
-              if (panel.limits && min <= whole[0] && max >= whole[1]) return panel.limits;
+              const all = min == null || (min <= whole[0] && max >= whole[1]);
+              if (panel.limits && all) return panel.limits;
               if (low == null) return [-1, 1];
               const margin = 0.06 * (high - low) || 0.1 * Math.abs(high) || 1;
               return [low - margin, high + margin];
             },
           },
         },
-        axes: [last ? axis(content.across, 34) : { ...axis("", 16), values: (u, v) => v.map(() => "") }, axis(panel.label, 46)],
+        axes: [last ? axis(content.across, 34) : { ...axis("", 16), values: (u, v) => v.map(() => "") }, { ...axis(panel.label, 46), space: 24 }],
         cursor: {
           sync: { key: "chart" + rank, scales: ["x", null] },
           drag: { x: true, y: false, dist: 6 },
