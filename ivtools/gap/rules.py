@@ -41,11 +41,11 @@ LAW_ERROR = 0.2
 #: Relative parity error from which the record is asked for its own law (physics: a digital law
 #: repeats to rounding, and to 0.3 % where log and controller sample apart).
 PARITY_POOR = 0.02
-#: Power that the record's own law may leave, of that of the declared one (training).
+#: Power that the record's own law may leave, of that of the declared one (judgement, not trained).
 LAW_BETTER = 0.5
-#: R2 below which no law is taken (issue 12: it explains the command, or nothing is said).
+#: R2 below which no law is taken (it explains the command, or nothing is said).
 LAW_R2 = 0.9
-#: Error of a gain worth a name where noise of the log hides the law (training).
+#: Error of a gain worth a name where noise of the log hides the law (judgement, not trained).
 NOISY_GAIN = 0.05
 #: R2 from which a law times a factor is this law in another unit (issue 12, point 6e).
 UNIT_R2 = 0.98
