@@ -47,7 +47,7 @@ LAW_BETTER = 0.5
 LAW_R2 = 0.9
 #: Error of a gain worth a name where noise of the log hides the law (judgement, not trained).
 NOISY_GAIN = 0.05
-#: R2 from which a law times a factor is this law in another unit (issue 12, point 6e).
+#: R2 from which a law times a factor is this law in another unit (a worse fit is a remainder).
 UNIT_R2 = 0.98
 #: Natural frequency, Hz, of the pull to a motion without controller (physics: as of a slow servo),
 #: and at most, of the sampling rate.
