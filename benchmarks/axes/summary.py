@@ -37,7 +37,8 @@ tuned on; default pipeline, default settings. Tables by `benchmarks/axes/summary
 
 The `valve` is where it ends: dry friction three times the force of acceleration, 39 % of the record
 at standstill, 250 Hz. Half of the iterations of instrumental variables find no solution that
-holds there, and say so; its inertia is known to 12 %, its viscous friction hardly at all. On the
+holds there, and say so, but some that converge are more than 20 % off;
+its inertia is known to 12 %, its viscous friction hardly at all. On the
 other eleven axes (`conveyor`, with 36 % of standstill, is one of them) every fit of `idim-iv`,
 `idim-bciv`, `idim-piv`, `didim` and `clie` converged, and none is more than 4 standard errors off;
 what is more than 20 % off there is the viscous friction of the `hinge` (2000 counts per turn),

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ivtools.loop import ClosedLoop
     from ivtools.record import Record
 
-LONG, SECONDS = 500_000, 2.5e-4  # samples; s of a core for each (docs/reliability.md)
+LONG, SECONDS = 500_000, 2.5e-4  # samples; s of a core for each, guessed on the safe side
 FOLDERS = (".csv", ".csv.gz", ".parquet", ".mat")  # of the records of a folder; text may be more
 
 

@@ -361,6 +361,6 @@ class Rules:
 # --- a user's own simulator ----------------------------------------------------------------------
 
 #: Of the force by which simulator and axis differ: what named effects must explain at least, for a
-#: difference of two logs is right to first order only (drawn MuJoCo models, seeds 600 and 700: a
-#: drive lag named where only parameters differ explains 0.04 of it, effects 0.07 and more).
+#: difference of two logs is right to first order only (judgement on a few drawn models: a lag
+#: named where only parameters differ explained 0.04 of it, two effects that were missed 0.07, 0.2).
 SECOND_ORDER = 0.05
