@@ -116,7 +116,7 @@ class Chart:
     @cached_property
     def rows(self) -> NDArray[np.intp]:
         """Samples whose time is kept, (n,): two of each stretch, or the samples themselves."""
-        starts, pairs, middles = self._stretches
+        starts, _, middles = self._stretches
         return np.sort(np.concatenate([starts, middles]))
 
     @cached_property
