@@ -11,12 +11,10 @@ from statsmodels.tsa.arima_process import arma_acovf
 
 import ivtools as iv
 from ivtools.errors import EstimationError
-from ivtools.estimators.bound import cramer_rao, position_autocovariance, sensitivities
 from ivtools.estimators.compensated import IDIMBCIV
 from ivtools.estimators.refined import IDIMPIV, whiteness
 from ivtools.linalg.autocovariance import segment_starts, taken
 from ivtools.linalg.noise import NoiseModel
-from ivtools.record import Record
 
 AR = np.array([1.2, -0.5])
 
@@ -198,52 +196,6 @@ def test_without_noise_there_is_none_to_model(twin):
 def test_other_weights_are_refused():
     with pytest.raises(EstimationError, match="leave weighted and robust"):
         IDIMPIV(robust="huber")
-
-
-# --- the bound ------------------------------------------------------------------------------------
-
-
-def test_bound_is_in_proportion_to_the_noise(problem):
-    theta = problem.record.theta_true
-    one = cramer_rao(problem, theta, position_noise=1e-6, force_noise=2.0)
-    two = cramer_rao(problem, theta, position_noise=2e-6, force_noise=4.0)
-    np.testing.assert_allclose(two, 4.0 * one, rtol=1e-6)
-    coarse = cramer_rao(problem, theta, position_noise=1e-6, force_noise=2.0, quantum=1e-5)
-    assert (np.diag(coarse) > np.diag(one)).all()
-    assert list(one.index) == list(problem.names)
-
-
-def test_bound_needs_noise(problem):
-    with pytest.raises(EstimationError, match="without noise of the position there is no bound"):
-        cramer_rao(problem, problem.record.theta_true, position_noise=0.0, force_noise=1.0)
-
-
-def test_sensitivities_predict_the_simulation(problem):
-    theta = dict(problem.record.theta_true)
-    changed = {**theta, "inertia": theta["inertia"] * 1.0005}
-    moved = problem.simulate(changed).q[:, 0] - problem.simulate(theta).q[:, 0]
-    predicted = sensitivities(problem, theta)[:, 0] * 0.0005 * theta["inertia"]
-    assert np.linalg.norm(moved - predicted) < 0.05 * np.linalg.norm(moved)
-
-
-def test_noise_of_the_loop_is_that_of_the_simulation():
-    """Without dry friction the loop is linear, and the spectrum can be compared."""
-    loop = iv.axes.emps().with_terms("inertia", "viscous")
-    theta, n = {"inertia": 95.0, "viscous": 200.0}, 40000
-    t = np.arange(n) * 1e-3
-    still = Record(t, 1e-3 * np.sin(t), q_ref=1e-15 * t, nu=1e-3 * np.cos(t))
-    rng = np.random.default_rng(4)
-    for position, force in [(1e-6, 0.0), (0.0, 2.0), (1e-6, 2.0)]:
-        q = loop.simulate(
-            still,
-            theta,
-            initial="rest",
-            position_noise=rng.normal(0.0, position, n),
-            force_noise=rng.normal(0.0, force, n),
-        ).q[1000:, 0]
-        acov = [np.mean(q[: len(q) - k] * q[k:]) for k in range(15)]
-        expected = position_autocovariance(loop, theta, 1e-3, position, force)
-        np.testing.assert_allclose(acov, expected[:15], atol=0.08 * acov[0])
 
 
 def test_the_noise_is_modelled_from_near_starts_too(twin):

@@ -1,6 +1,5 @@
 """Monte-Carlo studies: every estimator on the same simulated records, scored against the truth."""
 
-from ivtools.study.bound import cramer_rao as cramer_rao
 from ivtools.study.case import Case as Case
 from ivtools.study.named import NAMES as NAMES
 from ivtools.study.named import load as load

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from math import inf, isfinite, nan
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 
 HOLDOUT = "holdout"  # takes the place of the repetition in the seed of the hold-out record
 HOLDOUT_SCALE = 0.8
+REALISATIONS = 3  # of the noise, for the bound: it moves the axis and so informs by itself
 MOST_SAMPLES = 10_000_000  # of one simulated record
 SETTLING_ROWS = 6  # decimated rows at either end that the decimation filter disturbs
 
@@ -210,10 +212,22 @@ class Case:
         return replace(rows, trim=(edge, edge))
 
     def bound(self) -> pd.Series:
-        """Return the Cramer-Rao bound of the identified parameters; see `cramer_rao`."""
-        from ivtools.study.bound import cramer_rao
+        """Return the least deviation of each identified parameter, by Cramer and Rao.
 
-        return cramer_rao(self)
+        NaN where the identified model is not the true one, and where `cramer_rao` has none.
+        """
+        import pandas as pd
+
+        from ivtools.estimators.bound import Noise, cramer_rao
+
+        noise = Noise(self.encoder_noise, self.force_noise, self.quantum, self.force_noise_pole)
+        motions = (self.simulation(seed) for seed in range(REALISATIONS))
+        limit = pd.Series(nan, index=list(self.model.names), name="bound")
+        with suppress(EstimationError):
+            if self.well_specified:
+                covariance = cramer_rao(self.loop, self.theta, motions, noise)
+                limit[:] = np.sqrt(np.diag(covariance))
+        return limit
 
     def _moved_as(self, seed: int | str) -> Record:
         return self._templates[seed == HOLDOUT]
