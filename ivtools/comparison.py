@@ -73,27 +73,43 @@ class Comparison(Displayed):
         return next((fit for label, fit in pairs if chosen and label == chosen.label), None)
 
     def summary(self) -> Text:
-        """Return tables of at most 80 columns, in blocks if there are many results."""
-        parts = list(self._blocks()) if self.results else []
-        if self.functions is not None:
-            parts.append(self.functions.summary())
+        """Return tables of at most 80 columns, in blocks if there are many results.
+
+        The recommendation is the last line.
+        """
+        parts = [self.functions.summary()] if self.functions is not None else []
+        parts += self._blocks() if self.results else []
         return Text("\n\n".join(parts), "".join(part.html for part in parts))
 
     def _blocks(self) -> Iterator[Text]:
-        """Yield the tables of the parameters: one per model, or more if it has many results."""
-        wide = max(18, *(len(label) for label in self._headers.values())) + 2
-        per_block = max(1, (WIDTH - 24) // wide)
-        models = [list(group) for _, group in groupby(self._headers, key=self._model)]
-        blocks = [
-            (_title(self._model(labels[0]), len(models) > 1, k, -(-len(labels) // per_block)),
-             labels[k * per_block : (k + 1) * per_block])
-            for labels in models
-            for k in range(-(-len(labels) // per_block))
-        ]  # fmt: skip
-        for title, block in blocks:
-            header = ["", *(self._headers[label] for label in block)]
-            notes = self._notes() if block is blocks[-1][1] else []
-            yield table(title, [], header, self._rows(block), notes)
+        """Yield the tables of the parameters: one if all fit beside each other, or one per model.
+
+        A model with many results has several.
+        """
+        labels = list(self._headers)
+        whole = self._packed(labels)
+        models = [labels] if len(whole) == 1 else [list(g) for _, g in groupby(labels, self._model)]
+        packed = [(group, self._packed(group)) for group in models]
+        for group, blocks in packed:
+            for k, block in enumerate(blocks):
+                title = _title(self._model(group[0]), len(models) > 1, k, len(blocks))
+                notes = self._notes() if block[-1] == labels[-1] else []
+                header = ["", *(self._headers[label] for label in block)]
+                yield table(title, [], header, self._rows(block), notes)
+
+    def _packed(self, labels: Sequence[str]) -> list[list[str]]:
+        """Return as many of the results per table as 80 columns hold."""
+        rows = [["", *(self._headers[label] for label in labels)], *self._rows(labels)]
+        first, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
+        blocks: list[list[str]] = []
+        used = WIDTH
+        for label, width in zip(labels, widths, strict=True):
+            if not blocks or used + 2 + width > WIDTH:
+                blocks.append([])
+                used = first
+            blocks[-1].append(label)
+            used += 2 + width
+        return blocks
 
     def _model(self, label: str) -> str:
         """Return the friction model of a result in words."""

@@ -13,6 +13,8 @@ from ivtools import linalg
 
 Array = NDArray[np.float64]
 
+ORTHOGONAL = 0.05  # cosine between a column and the residual up to which a sum of squares is least
+
 
 class ErrorFigures(NamedTuple):
     """Size of the error y - X theta.
@@ -45,6 +47,8 @@ class Goodness:
     Attributes
     ----------
     params : Series (p,)
+    X : (N, p) ndarray
+        Columns.
     y, resids : (N,) ndarray
         What was fitted, and what is left of it, in N or N m.
     Z : (N, m) ndarray or None
@@ -53,9 +57,12 @@ class Goodness:
         Inverse variances of the rows, or a function that whitens columns.
     t : (N,) ndarray or None
         Time of the rows, in s.
+    converged : bool
     """
 
     params: pd.Series
+    converged: bool
+    X: Array
     y: Array
     resids: Array
     Z: Array | None
@@ -90,17 +97,17 @@ class Goodness:
     def llf(self) -> float:
         """Log-likelihood of Gaussian errors at their most likely variance.
 
-        Defined where the estimate minimises a sum of squares with weights by row; NaN where it has
-        instruments or filters the rows, for then it maximises no likelihood.
+        Defined where the estimate minimises a sum of squares with weights by row: its residual is
+        orthogonal to the columns. NaN where it has instruments, filters the rows, keeps to a bound
+        or has not converged, for then it maximises no likelihood.
         """
-        if self.Z is not None or callable(self.weights):
+        if self.Z is not None or callable(self.weights) or not self.converged:
             return math.nan
-        white = linalg.reweighted(self.resids, self.weights)
-        n, logs = self.nobs, 0.0 if self.weights is None else float(np.sum(np.log(self.weights)))
-        variance = float(white @ white) / n
-        if not variance > 0.0:
-            return math.inf
-        return 0.5 * (logs - n * (math.log(2.0 * math.pi * variance) + 1.0))
+        X, e = (linalg.reweighted(a, self.weights) for a in (self.X, self.resids))
+        size = np.linalg.norm(X, axis=0) * np.linalg.norm(e)
+        if np.any(np.abs(X.T @ e) > ORTHOGONAL * size):
+            return math.nan
+        return gaussian_llf(e, self.weights)
 
     @property
     def aic(self) -> float:
@@ -121,3 +128,20 @@ class Goodness:
     def relative_error(self) -> float:
         """100 norm(y - X theta) / norm(y), in %."""
         return self.errors.relative
+
+
+def gaussian_llf(white: Array, weights: Array | None = None) -> float:
+    """Return the log-likelihood of white Gaussian errors (N,) at their most likely variance.
+
+    With the weights by row that made them white.
+
+    Examples
+    --------
+    >>> round(gaussian_llf(np.array([1.0, -1.0])), 4)
+    -2.8379
+    """
+    n, logs = len(white), 0.0 if weights is None else float(np.sum(np.log(weights)))
+    variance = float(white @ white) / n
+    if not variance > 0.0:
+        return math.inf
+    return 0.5 * (logs - n * (math.log(2.0 * math.pi * variance) + 1.0))

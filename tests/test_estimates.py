@@ -11,6 +11,7 @@ import statsmodels.api as sm
 import ivtools as iv
 from ivtools.errors import EstimationError
 from ivtools.estimates import WITHHELD, critical_values
+from ivtools.estimators.continuous import respond
 from ivtools.estimators.state_dependent import StateDependentFriction
 from ivtools.results import FitResults
 
@@ -83,6 +84,42 @@ def test_there_is_no_likelihood_of_instruments_or_filtered_rows(system):
     filtered = replace(fit, weights=lambda columns: columns)
     for other in (instrumental, filtered):
         assert all(math.isnan(v) for v in (other.llf, other.aic, other.bic))
+
+
+def test_what_maximises_no_likelihood_has_none(system):
+    """A centre of bounds, or where an iteration stopped, is no maximum."""
+    fit = fitted(system)
+    X, y, _ = system
+    elsewhere = FitResults.from_solution("m", fit.params + [0.0, 0.0, 1.0], X, y, names=NAMES)
+    assert math.isfinite(fit.llf)
+    for other in (elsewhere, replace(fit, converged=False)):
+        assert all(math.isnan(v) for v in (other.llf, other.aic, other.bic))
+
+
+@pytest.mark.parametrize("late", [0.0, 5e-3])
+def test_a_transfer_function_speaks_the_same_language(late):
+    """Without poles that matter it is a regression: the criteria are those of statsmodels."""
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.standard_normal(60), 20)
+    y = respond([50.0], [1.0, 20.0], u, 1e-3, "zoh", late) + 0.05 * rng.standard_normal(1200)
+    record = iv.Record(1e-3 * np.arange(1200), y, nu=u)
+    problem = iv.Problem(record, iv.axes.emps(), iv.Pipeline(None, 1))
+    delay = "estimate" if late else 0.0
+    fit = iv.SRIVC(poles=1, offset=False, initial="rest", delay=delay).fit(problem)
+    theirs = sm.OLS(y, fit.simulated[:, None]).fit()
+    assert fit.llf == pytest.approx(theirs.llf, rel=1e-3) and fit.nobs == 1200
+    assert fit.aic == pytest.approx(2.0 * len(fit.params) - 2.0 * fit.llf)
+    assert fit.bic == pytest.approx(np.log(1200.0) * len(fit.params) - 2.0 * fit.llf)
+    np.testing.assert_allclose(fit.resid + fit.fittedvalues, y)
+    np.testing.assert_allclose(fit.predict(record), fit.predict(), atol=1e-2 * np.std(y))
+    t = (fit.params["a1"] - 20.0) / fit.bse["a1"]
+    for test in (fit.wald_test("a1 = 20"), fit.wald_test({"a1": 20.0})):
+        assert test.statistic == pytest.approx(t**2) and "autoregressive" in test.name
+    lost = replace(fit, converged=False)
+    assert math.isnan(lost.llf) and not lost.wald_test("a1 = 20").applies
+    error = fit.cross_test(record.slice(400, 1200))
+    part = fit.predict(record.slice(400, 1200))
+    assert error == pytest.approx(100.0 * np.linalg.norm(y[400:] - part) / np.linalg.norm(y[400:]))
 
 
 def test_what_has_not_converged_has_no_standard_errors(system):

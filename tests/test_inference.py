@@ -235,7 +235,7 @@ def test_wald_is_that_of_statsmodels():
     ours = fit.wald(R, [1.0, 0.5])
     assert ours.statistic == pytest.approx(expected.statistic, **TIGHT)
     assert ours.pvalue == pytest.approx(expected.pvalue, **TIGHT)
-    assert ours.null == "inertia + -0.01 viscous = 1, offset = 0.5"
+    assert ours.null == "inertia - 0.01 viscous = 1, offset = 0.5"
     named = fit.wald({"offset": 0.5, "inertia": 2.0})
     expected = ols.wald_test((np.eye(4)[[3, 0]], [0.5, 2.0]), use_f=False, scalar=True)
     assert named.statistic == pytest.approx(expected.statistic, **TIGHT)

@@ -113,3 +113,15 @@ def test_no_two_tables_have_the_same_title(count):
     assert len(set(titles)) == len(titles)
     assert model_of(fits[-1]) == "symmetric friction, stribeck"
     assert all(any(words in t for t in titles) for words in ("asymmetric friction", "stribeck"))
+
+
+def test_several_friction_models_stand_in_one_table_if_it_holds_them():
+    base = fitted()
+    names = ["inertia", "viscous_pos", "viscous_neg"]
+    cov = base.cov.set_axis(names).set_axis(names, axis=1)
+    other = replace(base, params=base.params.set_axis(names), cov=cov)
+    text = str(compare([base, other]))
+    assert text.count("Comparison") == 1 and len(text.split("\n\n")) == 1
+    header = text.splitlines()[2].split("  ")
+    assert [cell.strip() for cell in header if cell] == ["idim-ls", "idim-ls asym."]
+    assert text.splitlines()[-1].startswith(("Recommended", "  "))

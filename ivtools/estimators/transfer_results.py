@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from ivtools.display import plain
 from ivtools.errors import EstimationError
 from ivtools.estimates import Estimates
+from ivtools.goodness import Goodness, gaussian_llf
+from ivtools.hypothesis import TestResult, WithTests
 from ivtools.linalg.noise import NoiseModel
 from ivtools.tables import Text, rounded, table, two_columns
 
@@ -61,7 +63,7 @@ class System(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TransferFunctionResults(Estimates):
+class TransferFunctionResults(Estimates, Goodness):
     """Result of one fit of a transfer function.
 
     Attributes
@@ -77,8 +79,9 @@ class TransferFunctionResults(Estimates):
         Denominator and numerator, highest power first.
     delay : float
         Of the input, s; the system of python-control is without it.
-    y, simulated : (n_samples,) ndarray
-        Measured output and that of the model, free-running from its initial conditions.
+    y, resids : (n_samples,) ndarray
+        Measured output, and what it is more than that of the model, free-running from its initial
+        conditions.
     t : (n_samples,) ndarray
         Time, s.
     yic : float
@@ -92,6 +95,7 @@ class TransferFunctionResults(Estimates):
     """
 
     figure: ClassVar[str] = "transfer_function"
+    cov_type: ClassVar[str] = "autoregressive error"
 
     method: str
     params: pd.Series
@@ -100,7 +104,7 @@ class TransferFunctionResults(Estimates):
     B: Array
     delay: float
     y: Array
-    simulated: Array
+    resids: Array
     t: Array
     yic: float
     n_iter: int
@@ -141,7 +145,7 @@ class TransferFunctionResults(Estimates):
             B=model.B,
             delay=model.delay,
             y=y,
-            simulated=simulated,
+            resids=y - simulated,
             t=problem.record.t,
             yic=yic,
             estimator=estimator,
@@ -177,33 +181,22 @@ class TransferFunctionResults(Estimates):
         return exponents(np.roots(self.A), self.problem.record.dt, self.estimator.hold)
 
     @property
-    def resids(self) -> Array:
-        """Measured minus simulated output, (n_samples,)."""
-        return self.y - self.simulated
-
-    @property
-    def relative_error(self) -> float:
-        """100 norm(y - simulated) / norm(y), in % (equation 11 of the EMPS report)."""
-        return 100.0 * float(np.linalg.norm(self.resids) / np.linalg.norm(self.y))
+    def simulated(self) -> Array:
+        """Output of the model (n_samples,), free-running from its initial conditions."""
+        return self.fitted
 
     @property
     def r2(self) -> float:
         """R_T^2 = 1 - var(y - simulated) / var(y): 1 is a perfect simulation."""
         return 1.0 - float(np.var(self.resids) / np.var(self.y))
 
-    def _information(self, penalty: float) -> float:
-        mean_square = max(float(np.mean(self.resids**2)), 1e-300)
-        return len(self.y) * math.log(mean_square) + penalty * len(self.params)
-
     @property
-    def aic(self) -> float:
-        """Akaike's information criterion of the simulation error."""
-        return self._information(2.0)
+    def llf(self) -> float:
+        """Log-likelihood of the simulation error, taken as white; NaN if not converged.
 
-    @property
-    def bic(self) -> float:
-        """Schwarz's information criterion of the simulation error."""
-        return self._information(math.log(len(self.y)))
+        A refined instrumental variable maximises it where that error is white.
+        """
+        return gaussian_llf(self.resids) if self.converged else math.nan
 
     @property
     def structure(self) -> str:
@@ -231,18 +224,37 @@ class TransferFunctionResults(Estimates):
 
         return Model(self.A, self.B, float(self.params.get("offset", 0.0)), delay=self.delay)
 
-    def cross_test(self, record: Record) -> float:
-        """Return the relative error on another record of the same axis, free-running, in %.
+    def predict(self, record: Record | None = None) -> pd.Series:
+        """Return the free-running output on a record of the same axis, by time.
 
         The initial conditions are those that suit that record best, as in the fit.
+
+        Parameters
+        ----------
+        record : Record, optional
+            Default: the record of the fit.
         """
+        if record is None:
+            return self.fittedvalues.rename("predict")
+        return pd.Series(self._on(record)[1], pd.Index(record.t, name="t"), name="predict")
+
+    def cross_test(self, record: Record) -> float:
+        """Return the relative error of `predict` on another record, in %."""
+        y, simulated = self._on(record)
+        return 100.0 * float(np.linalg.norm(y - simulated) / np.linalg.norm(y))
+
+    def _on(self, record: Record) -> tuple[Array, Array]:
+        """Return measured and simulated output (n_samples,) of another record."""
         from ivtools.estimators.transfer_function import signal
 
         e, other = self.estimator, replace(self.problem, record=record)
         u, y = signal(other, e.input), signal(other, e.output)
         level = float(y[0]) if e.offset or e.integrators else 0.0
-        simulated = level + e.run(self._model, u, y - level, record.dt)
-        return 100.0 * float(np.linalg.norm(y - simulated) / np.linalg.norm(y))
+        return y, level + e.run(self._model, u, y - level, record.dt)
+
+    def wald_test(self, restrictions: Any, values: Any = None) -> TestResult:
+        """Test linear restrictions on the coefficients; see `ivtools.inference.wald_test`."""
+        return WithTests.wald_test(self, restrictions, values)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content as plain objects, ready for JSON."""

@@ -118,5 +118,5 @@ def _written(names: tuple[str, ...], R: np.ndarray, r: np.ndarray) -> str:
     lines = []
     for row, value in zip(R, r, strict=True):
         terms = [f"{c:g} {n}".removeprefix("1 ") for c, n in zip(row, names, strict=True) if c]
-        lines.append(f"{' + '.join(terms)} = {value:g}")
+        lines.append(f"{' + '.join(terms)} = {value:g}".replace("+ -1 ", "- ").replace("+ -", "- "))
     return ", ".join(lines)
