@@ -6,7 +6,7 @@ VENV := .venv
 MINUTES ?= 10
 RUN := $(VENV)/bin/python -m
 
-.PHONY: help demo test slow fuzz lint figure clean
+.PHONY: help demo test slow fuzz lint figure docs docs-serve dist clean
 
 help:
 	@echo "make demo    identify a simulated axis; the report is in ./ivtools-demo"
@@ -14,6 +14,8 @@ help:
 	@echo "make slow    the tests that take longer"
 	@echo "make fuzz    malformed and pathological inputs, MINUTES=10"
 	@echo "make figure  draw the figure of the README"
+	@echo "make docs    build the documentation in ./site; make docs-serve shows it while you write"
+	@echo "make dist    wheel and source archive in ./dist, checked"
 	@echo "make clean   remove the environment and everything the commands wrote"
 
 demo: $(VENV)/.installed
@@ -35,13 +37,26 @@ fuzz: $(VENV)/.installed-dev
 figure: $(VENV)/.installed
 	$(VENV)/bin/python docs/figure.py
 
+docs: $(VENV)/.installed-dev
+	$(RUN) mkdocs build --strict --quiet
+
+docs-serve: $(VENV)/.installed-dev
+	$(RUN) mkdocs serve
+
+dist: $(VENV)/.installed-dev
+	rm -rf dist
+	$(RUN) build --outdir dist .
+	$(RUN) twine check --strict dist/*
+	sha256sum dist/*
+	@! grep -q 'ivtools\.example' pyproject.toml || echo "the address in pyproject.toml is a placeholder"
+
 clean:
-	rm -rf $(VENV) build dist *.egg-info ivtools-demo ivtools-reproduce ivtools-report
+	rm -rf $(VENV) build dist site *.egg-info ivtools-demo ivtools-reproduce ivtools-report
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.installed: pyproject.toml | $(VENV)/bin/python
-	$(RUN) pip install --quiet --editable ".[all]"
+	$(RUN) pip install --quiet --editable .
 	@touch $@
 
 $(VENV)/.installed-dev: pyproject.toml | $(VENV)/bin/python

@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # for type checkers and editors; at run time __getattr__ does
     from ivtools.simulators import MujocoSimulator as MujocoSimulator
     from ivtools.simulators import Simulator as Simulator
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 _MODULES = ("axes", "datasets", "errors", "estimators", "plots")
 _ESTIMATORS = [  # fmt: skip

@@ -281,9 +281,9 @@ def _registered(name: str) -> DataSet:
 
 
 def _cache() -> Path:
-    import pooch
+    import platformdirs
 
-    return Path(pooch.os_cache("ivtools"))
+    return Path(platformdirs.user_cache_dir("ivtools"))
 
 
 def _folders(data: str | Path | None) -> Iterator[Path]:

@@ -4,6 +4,9 @@ Every message names the value, the rule it breaks and the remedy. The command li
 `IVToolsError` into one line on stderr and exit status 2.
 """
 
+from importlib import import_module
+from typing import Any
+
 __all__ = [
     "AxisError",
     "ConvergenceWarning",
@@ -16,6 +19,7 @@ __all__ = [
     "RecordWarning",
     "ShapeError",
     "WorkersLostError",
+    "optional",
     "shown",
 ]
 
@@ -69,6 +73,25 @@ class MissingExtraError(IVToolsError):
 
     def __init__(self, library: str, extra: str):
         super().__init__(f'{library} is not installed; run: pip install "ivtools[{extra}]"')
+
+
+def optional(library: str, extra: str) -> Any:
+    """Return an optional library.
+
+    Parameters
+    ----------
+    library, extra : str
+        What is needed, and the extra of ivtools that installs it.
+
+    Raises
+    ------
+    MissingExtraError
+        It is not installed.
+    """
+    try:
+        return import_module(library)
+    except ImportError as error:
+        raise MissingExtraError(library.partition(".")[0], extra) from error
 
 
 class WorkersLostError(RuntimeError):

@@ -18,7 +18,7 @@ import numpy as np
 
 from ivtools import limits, mat_child
 from ivtools.columns import match_columns
-from ivtools.errors import DataError, IVToolsError, RecordError, shown
+from ivtools.errors import DataError, IVToolsError, RecordError, optional, shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -237,9 +237,8 @@ def _read_csv(path: Path, layout: RecordFormat | None) -> tuple[dict[str, Any], 
 def _read_parquet(
     path: Path, layout: RecordFormat | None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    import pyarrow.parquet as pq
-    from pyarrow import default_memory_pool, types
-
+    pq, arrow = optional("pyarrow.parquet", "parquet"), optional("pyarrow", "parquet")
+    types = arrow.types
     with pq.ParquetFile(path, pre_buffer=False) as file:
         schema = file.schema_arrow
         limits.check_columns(schema.names)
@@ -252,7 +251,7 @@ def _read_parquet(
         batches = file.iter_batches(max(_PIECE // max(len(names), 1), 100), columns=names)
         frames = (batch.to_pandas(ignore_metadata=True)[names] for batch in batches)
         table = _joined(frames, names, layout)
-    default_memory_pool().release_unused()  # which else keeps as much as the file takes
+    arrow.default_memory_pool().release_unused()  # which else keeps as much as the file takes
     return table, ()
 
 

@@ -583,7 +583,7 @@ def test_help_needs_no_heavy_library():
 def test_least_squares_needs_neither_control_nor_statsmodels():
     code = (
         "import sys\nfrom ivtools.cli import run\nrun(['identify', 'twin'])\n"
-        "heavy = {'control', 'statsmodels', 'matplotlib', 'pooch', 'jinja2'}\n"
+        "heavy = {'control', 'statsmodels', 'matplotlib', 'jinja2'}\n"
         "sys.exit(len(heavy & {name.split('.')[0] for name in sys.modules}))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0

@@ -156,7 +156,7 @@ def test_the_public_face_imports_nothing_until_it_is_asked():
     code = (
         "import sys, ivtools; ivtools.Record; "
         "print(*{name.split('.')[0] for name in sys.modules} & {'pandas', 'scipy', 'numba', "
-        "'control', 'statsmodels', 'matplotlib', 'pooch', 'joblib', 'cvxpy', 'pymoo', 'dask'})"
+        "'control', 'statsmodels', 'matplotlib', 'joblib', 'cvxpy', 'pymoo', 'dask'})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""

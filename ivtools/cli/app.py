@@ -28,6 +28,7 @@ from ivtools.cli import (
     reproduce,
     robot,
     simulate,
+    warm,
 )
 from ivtools.cli.output import INTERRUPTED
 from ivtools.errors import IVToolsError, IVToolsWarning, WorkersLostError, shown
@@ -53,6 +54,7 @@ _VERBS: Sequence[tuple[str, Callable[..., None]]] = (
     ("methods", catalogue.methods),
     ("axis", axis.axis),
     ("check", check.check),
+    ("warm", warm.warm),
 )
 for _name, _verb in _VERBS:
     app.command(_name)(_verb)

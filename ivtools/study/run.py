@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ivtools.errors import IVToolsError
+from ivtools.errors import IVToolsError, optional
 from ivtools.resume import resumable
 from ivtools.study import work
 from ivtools.study.case import Case
@@ -106,8 +106,9 @@ class Study:
         DataError
             If the folder holds what is no part of a study, or another run has it.
         MissingExtraError
-            If Dask is asked for and not installed.
+            If Dask is asked for and not installed, or pyarrow is not.
         """
+        optional("pyarrow", "parquet")
         store = None if path is None else Store(Path(path))
         with resumable(None if store is None else store.folder):
             table = self._run(store, n_jobs, known(backend), scheduler, progress)
@@ -139,6 +140,7 @@ class Study:
 
     def table(self, path: str | Path) -> pd.DataFrame:
         """Return what a folder holds of this study, finished or not."""
+        optional("pyarrow", "parquet")
         parts = list(Store(Path(path)).read(self._blocks()))
         return frame(parts, self._orders)
 
