@@ -59,12 +59,13 @@ def _robot() -> None:
     import numpy as np
 
     from ivtools.loop import ClosedLoop, Controller, RobotLoop
+    from ivtools.physics import find
     from ivtools.record import Record
     from ivtools.robot import Robot
 
     pd = Controller("pd", {"kp": 2000.0, "kd": 100.0})
     friction = {"viscous": 5.0, "coulomb": 4.0, "offset": 0.0}
-    axis = ClosedLoop(pd, 1.0, joint="revolute", start=friction).with_terms(*friction)
+    axis = ClosedLoop(pd, 1.0, find(friction), joint="revolute", start=friction)
     t = np.linspace(0.0, 0.399, 400)
     q = 0.1 * np.repeat(np.sin(6.0 * t)[:, None], 6, axis=1)
     loop = RobotLoop(Robot.six_axis(), [axis] * 6)
