@@ -24,7 +24,18 @@ DOCUMENTED = [
     "backlash", "drive-timing", "saturation", "drive-asymmetry",
     "dead-zone", "encoder-eccentricity", "controller-mismatch", "disturbance",
 ]  # fmt: skip
-SCALES = {"force", "peak", "speed", "stroke", "time", "step", "command", "stiffness", "one"}
+SCALES = {
+    "force",
+    "peak",
+    "per force",
+    "speed",
+    "stroke",
+    "time",
+    "step",
+    "command",
+    "stiffness",
+    "one",
+}
 
 
 @pytest.mark.parametrize("term", LAWS, ids=lambda term: term.name)

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from . import axes, backgrounds, disturbances, motions
+from . import axes, backgrounds, disturbances, motions, unknowns
 from .axes import DT, Axis
 from .effects import EFFECTS, SIZE, Values
-from .experiments import Experiment, least, off_limit, play, record
+from .experiments import Experiment, least, off_limit, play, record, visible
 from .suites import REAL, Task
 
 DETECTABLE = 0.3  # least whitened signature over the noise floor
+_UNKNOWN = 0.5  # the same, of a background without a name
 _TRIES = 200
 _BURST = 1.0  # least rms of a burst's mark over the floor, while it lasts
 
@@ -75,6 +76,8 @@ def _attempt(task: Task, rng: np.random.Generator) -> Case | None:
         size = rng.uniform(0.5, 1.5) * rng.choice([-1.0, 1.0])
         refs, steady = [b.ref for b in found], [size * b.force for b in found]
         motion = motion if task.detail[0] == "moved" else "emps"
+    if task.suite == "unknown":
+        steady = [b.force for b in unknowns.draw(rng, *task.detail, refs)]
     quiet = [_noisy(rng, axis, ref, motions.pulses(rng, axis, len(ref))) for ref in refs]
     values = {e: EFFECTS[e](rng) for e in task.effects}
     if task.suite == "small":
@@ -93,6 +96,11 @@ def _attempt(task: Task, rng: np.random.Generator) -> Case | None:
         "parameters": {e: {k: float(x) for k, x in v.items()} for e, v in values.items()},
         "inertia": axis.inertia * axis.mass,
     }
+    if task.suite == "unknown":
+        both = zip(quiet, steady, strict=True)
+        label["unknown"] = min(visible(axis, x, force) for x, force in both)
+        if not label["unknown"] >= _UNKNOWN:
+            return None
     if task.suite in REAL:
         label["background"] = float(np.std(steady[1]) / np.std(quiet[1].force))
         over = label["over_background"] = {e: least(axis, {e: values[e]}, full) for e in seen}

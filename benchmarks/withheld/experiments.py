@@ -107,9 +107,20 @@ def signature(axis: Axis, effects: Effects, experiment: Experiment) -> float:
     effects make without noise is projected off the changes that the four base parameters make.
     """
     silent = experiment.silent()
-    clean, there = play(axis, {}, silent)[1], play(axis, effects, silent)[1]
+    return _signature(axis, experiment, play(axis, effects, silent)[1])
+
+
+def visible(axis: Axis, experiment: Experiment, force: np.ndarray) -> float:
+    """Return the same of a force from outside, N, (n,)."""
+    silent = experiment.silent()
+    return _signature(axis, experiment, play(axis, {}, replace(silent, force=force))[1])
+
+
+def _signature(axis: Axis, experiment: Experiment, there: np.ndarray) -> float:
     if not np.isfinite(there).all():
         return float("nan")
+    silent = experiment.silent()
+    clean = play(axis, {}, silent)[1]
     noise = play(axis, {}, experiment)[1] - clean
     base = [play(axis, {}, silent, change={k: v})[1] - clean for k, v in _BASE.items()]
     white = signal.lfilter(

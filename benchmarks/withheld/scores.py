@@ -33,6 +33,7 @@ GOOD = {
     "outside": ("right", "twin", "flagged"),
     "background": ("right", "ambiguous"),
     "clear": ("right", "ambiguous"),
+    "unknown": ("right", "ambiguous"),
     "bursts": ("right",),
     "small": ("right", "ambiguous"),
 }

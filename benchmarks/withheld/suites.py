@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from . import backgrounds
+from . import backgrounds, unknowns
 from .axes import LAWS
 from .disturbances import BURSTS
 from .effects import AT_CONTROLLER, EFFECTS, SIZE, twins
@@ -39,8 +39,8 @@ class Task:
     seed : int
     effects : tuple of str
     detail : tuple of str
-        Of a background: its kind and model; of a burst: its shape; of a small effect: its level;
-        of a controller: its kind.
+        Of a background: its kind and model, or its kind if it has no name; of a burst: its shape;
+        of a small effect: its level; of a controller: its kind.
     """
 
     suite: str
@@ -107,6 +107,17 @@ def _clear(seeds: range) -> Iterator[Task]:
             yield replace(task, suite="clear")
 
 
+def _unknown(seeds: range) -> Iterator[Task]:
+    """Every background without a name, with nothing else and, in every third, with an effect."""
+    names = [e for e in EFFECTS if e not in AT_CONTROLLER]
+    for s in seeds:
+        picked = np.random.default_rng([s, 4]).permutation(names)
+        for i, kind in enumerate(unknowns.KINDS):
+            yield Task("unknown", s, (), (kind,))
+            if (i + s) % 3 == 0:
+                yield Task("unknown", s, (str(picked[i]),), (kind,))
+
+
 def _bursts(seeds: range) -> Iterator[Task]:
     return (Task("bursts", s, (), (shape,)) for s in seeds for shape in BURSTS)
 
@@ -133,6 +144,7 @@ SUITES: dict[str, Callable[[range], Iterator[Task]]] = {
     "outside": _outside,
     "background": _background,
     "clear": _clear,
+    "unknown": _unknown,
     "bursts": _bursts,
     "small": _small,
     "controllers": _controllers,
@@ -149,6 +161,7 @@ FULL = {
     "outside": 3,
     "background": 6,
     "clear": 6,
+    "unknown": 12,
     "bursts": 6,
     "small": 3,
     "controllers": 2,

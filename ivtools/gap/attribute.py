@@ -402,6 +402,8 @@ def attribute(
         if winner is None or _doubtful(winner, rounds[-1], base, rules):
             break
         best.append(winner)
+        if cost(winner.held) < CLEAN:  # at the floor: nothing is left to have a name
+            break
     fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
     kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
     return Attribution(base, fits, held, tuple(kept), rules, tuple(rounds))

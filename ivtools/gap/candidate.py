@@ -172,7 +172,21 @@ def attempt(
     deep = any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True))
     if term.search == "valleys" and deep:  # either side may have come deeper
         new = (_deeper(sides[0], term, *new), _deeper(sides[1], term, *new[::-1]))
-    return Trial(term, new, frozen(sides, new), before)
+    held = frozen(sides, new)
+    if any(
+        h.cost < n.cost for n, h in zip(new, held, strict=True)
+    ):  # stuck: the other knows better
+        new = tuple(_onwards(s, n, h) for s, n, h in zip(sides, new, held, strict=True))
+        held = frozen(sides, new)
+    return Trial(term, new, held, before)
+
+
+def _onwards(side: Side, own: Fit, held: Fit) -> Fit:
+    """Return a fit, or the one that goes on from the other fold's effect where that is better."""
+    if own.cost <= held.cost:
+        return own
+    step = steps(side.fold, own.loop, side.scales)
+    return gauss_newton(side.fold, own.loop, held.values, own.free, step)
 
 
 def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
@@ -213,14 +227,24 @@ def _extended(side: Side, fit: Fit, term: Term, begin: list[dict[str, float]]) -
         loop = fit.loop.with_effect(term, **values)
         step = steps(side.fold, loop, side.scales)
         free = [*fit.free, *_free(term, values)]
-        found.append(gauss_newton(side.fold, loop, loop.values(fit.values), free, step))
+        new = gauss_newton(side.fold, loop, loop.values(fit.values), free, step)
+        if new.cost > fit.cost:  # the base parameters must give way first: begin without it
+            plain = {**loop.values(fit.values), **_absent(term)}
+            new = gauss_newton(side.fold, loop, plain, free, step)
+        found.append(new)
     return min(found, key=lambda f: f.cost)
+
+
+def _absent(term: Term) -> dict[str, float]:
+    """Return what makes an effect vanish, its shape as it is."""
+    pairs = zip(term.names, term.parameters, strict=True)
+    return {name: p.neutral for name, p in pairs if p.linear}
 
 
 def _free(term: Term, values: Mapping[str, float]) -> list[str]:
     own = [p for p in term.parameters if not p.nuisance]
-    if term.search == "either":
-        own = [p for p in own if values[p.name] != p.neutral]
+    if term.search in ("either", "scan"):  # a shape that starts without effect stays there
+        own = [p for p in own if p.linear or values[p.name] != p.neutral]
     return [f"{term.name}.{p.name}" for p in own]
 
 

@@ -48,6 +48,7 @@ class Scales:
             "step": self.record.dt,
             "command": float(np.max(np.abs(self.loop.command(self.record)))),
             "stiffness": friction / (5e-4 * stroke),
+            "per force": 1.0 / force,
             "one": 1.0,
         }
 

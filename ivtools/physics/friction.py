@@ -125,10 +125,21 @@ REGULARISED_COULOMB = Term(
             scan=(0.02, 0.06, 0.2),
             most=0.4,  # beyond, it is a curve of the viscous friction
         ),
+        Parameter(
+            "hold",
+            "1/{F}",
+            lower=0.0,
+            scale="per force",
+            scan=(0.0, 0.8, 1.6, 3.2),
+        ),
     ),
-    "clip(F dq/v, -F, F) instead of a part of Fc sign(dq): it creeps where dry friction sticks",
+    "F clip(dq/v + h tau, -1, 1) instead of a part of Fc sign(dq): it creeps where dry friction "
+    "sticks; F h: share of the drive force that it takes up before it slides, 0.9 to 0.95 in "
+    "MuJoCo as it ships",
     "E. Todorov, IEEE Int. Conf. Robotics and Automation, 2014: friction of a common simulator",
-    law=lambda q, dq, ddq, sign, tau, t, f, v: f * np.minimum(np.maximum(dq / v, -1.0), 1.0),
+    law=lambda q, dq, ddq, sign, tau, t, f, v, h: (
+        f * np.minimum(np.maximum(dq / v + h * tau, -1.0), 1.0)
+    ),
     everywhere=True,
 )
 

@@ -48,9 +48,9 @@ class Parameter:
         The value that makes the effect vanish, or the usual value of a shape parameter.
     scale : str
         What the parameter is measured in when a search needs a starting value: ``"force"``,
-        ``"peak"`` (the largest force), ``"speed"``, ``"stroke"``, ``"time"`` (the record's
-        length), ``"step"`` (the sampling
-        step), ``"command"``, ``"stiffness"`` (force over a small part of the stroke) or ``"one"``.
+        ``"peak"`` (the largest force), ``"per force"``, ``"speed"``, ``"stroke"``, ``"time"`` (the
+        record's length), ``"step"`` (the sampling step), ``"command"``, ``"stiffness"`` (force over
+        a small part of the stroke) or ``"one"``.
     scan : tuple of float
         Starting values for a search, in multiples of `scale`; empty where the force is linear in
         the parameter, which needs none.
