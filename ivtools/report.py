@@ -94,12 +94,15 @@ class Card:
         What to do next.
     tone : {"good", "doubt", "bad"}
         Colour of its edge; the words say the same.
+    label : str
+        What it is, for those who cannot see it.
     """
 
     verdict: str
     facts: tuple[tuple[str, str], ...] = ()
     next: tuple[str, ...] = ()
     tone: Literal["good", "doubt", "bad"] = "good"
+    label: str = "The answer in short"
 
 
 @dataclass
@@ -146,19 +149,24 @@ class Page:
 
     def html(self, script: str = "") -> str:
         """Return the page; it refers to no other file but the script, if one is named."""
-        from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
         from ivtools import __version__
 
-        environment = Environment(
-            loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined
+        return _rendered(
+            "page.html", Glossary(), page=self, version=__version__, parts=_parts(), script=script
         )
-        glossary = Glossary()
-        environment.filters["explained"] = glossary.explained
-        template = environment.get_template("page.html")
-        return template.render(
-            page=self, version=__version__, parts=_parts(), script=script, glossary=glossary
-        )
+
+    def fragment(self, prefix: str, live: str) -> str:
+        """Return card and sections alone, as a part of a larger page.
+
+        Parameters
+        ----------
+        prefix : str
+            Makes its identifiers unlike those of the page's other parts.
+        live : str
+            Address under which the page's server re-samples the charts.
+        """
+        glossary = Glossary(prefix)
+        return _rendered("sections.html", glossary, page=self, prefix=prefix, live=live, level="h3")
 
     def write(self, file: str | Path, figures: bool = False) -> Path:
         """Write the page.
@@ -182,6 +190,17 @@ class Page:
         return write(file, self.html())
 
 
+def _rendered(template: str, glossary: Glossary, **content: Any) -> str:
+    """Return a template filled in; the glossary explains its words."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined
+    )
+    environment.filters["explained"] = glossary.explained
+    return environment.get_template(template).render(glossary=glossary, **content)
+
+
 @cache
 def _parts() -> dict[str, str]:
     """Return what every page holds: its styles, and the script of its charts."""
@@ -189,6 +208,11 @@ def _parts() -> dict[str, str]:
         name: "\n".join((TEMPLATES / file).read_text(encoding="utf-8").strip() for file in files)
         for name, files in _PARTS.items()
     }
+
+
+def style() -> str:
+    """Return the style of pages with charts."""
+    return "\n".join((_parts()["chart_style"], _parts()["style"]))
 
 
 def chart_script() -> str:
@@ -203,9 +227,13 @@ def terms() -> dict[str, str]:
 
 
 class Glossary:
-    """Explains each word of `terms` where a page first uses it, and lists those that it used."""
+    """Explains each word of `terms` where a page first uses it, and lists those that it used.
 
-    def __init__(self) -> None:
+    Its identifiers begin with the prefix.
+    """
+
+    def __init__(self, prefix: str = "") -> None:
+        self.prefix = prefix
         self.used: dict[str, str] = {}
         self._left = dict(terms())
 
@@ -227,7 +255,7 @@ class Glossary:
             return match[0]
         self.used[word] = means = self._left.pop(word)
         return (
-            f'<dfn tabindex="0" aria-describedby="term-{len(self.used)}" '
+            f'<dfn tabindex="0" aria-describedby="{self.prefix}term-{len(self.used)}" '
             f'data-means="{escape(means, quote=True)}">{match[0]}</dfn>'
         )
 

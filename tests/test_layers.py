@@ -40,6 +40,7 @@ ORDER = [
     ("report",),
     ("pages",),
     ("reproduce", "demo"),
+    ("app",),
     ("cli",),
 ]
 RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}

@@ -29,6 +29,7 @@ from ivtools.cli import (
     robot,
     simulate,
     warm,
+    web,
 )
 from ivtools.cli.output import INTERRUPTED
 from ivtools.errors import IVToolsError, IVToolsWarning, WorkersLostError, shown
@@ -55,6 +56,7 @@ _VERBS: Sequence[tuple[str, Callable[..., None]]] = (
     ("axis", axis.axis),
     ("check", check.check),
     ("warm", warm.warm),
+    ("app", web.web),
 )
 for _name, _verb in _VERBS:
     app.command(_name)(_verb)

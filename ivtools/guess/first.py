@@ -115,13 +115,22 @@ class FirstAxis:
         }
 
 
-def first_axis(path: str | Path) -> FirstAxis:
+def first_axis(
+    path: str | Path,
+    said: RecordFormat | None = None,
+    joint: str = "prismatic",
+    gain: float | None = None,
+) -> FirstAxis:
     """Look at a log for the first time.
 
     Parameters
     ----------
     path : str or Path
         A file as `Record.read` takes it, of any column names and units.
+    said : RecordFormat, optional
+        What somebody who knows the log says about it; then nothing of that is guessed.
+    joint, gain
+        With `said`: the kind of joint, and N or N m per unit of the command, if that is known.
 
     Raises
     ------
@@ -134,15 +143,32 @@ def first_axis(path: str | Path) -> FirstAxis:
     try:
         columns, _ = read_table(path, None)
         roles = assign(columns)
-        scales = measure(columns, roles, preamble(path))
+        if said is None:
+            scales = measure(columns, roles, preamble(path))
+        else:
+            roles, scales = _stated(said, roles, joint, gain)
         _needed(roles, list(columns))
     except IVToolsError as error:
         raise type(error)(f"{path}: {error}") from error
-    log = _format(roles, scales)
+    log = said or _format(roles, scales)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IVToolsWarning)
         record = Record.read(path, log)
         return _looked(path, record, log, roles, scales)
+
+
+def _stated(
+    said: RecordFormat, guessed: Roles, joint: str, gain: float | None
+) -> tuple[Roles, Scales]:
+    """Return columns and units as they were told."""
+    columns = dict(said.columns)
+    for name in guessed.said:  # those that bear our names need no telling
+        plain = plain_name(name)[0]
+        if plain in _MEANS and name not in columns.values():
+            columns.setdefault(plain, name)
+    sure = dict.fromkeys((*columns, "joint"), "stated")
+    roles = Roles(columns, guessed.said, dict.fromkeys(columns, "stated"))
+    return roles, Scales(dict(said.units), joint, said.rate, gain=gain, sure=sure)
 
 
 def _looked(

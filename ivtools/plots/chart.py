@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -141,12 +141,24 @@ class Chart:
         pairs = length > 2
         return starts, pairs, starts[pairs] + length[pairs] // 2
 
+    def window(self, start: float, stop: float) -> Chart:
+        """Return the part between two times, s, and a sample beside it at either end."""
+        first, last = (int(i) for i in np.searchsorted(self.t, (start, stop)))
+        first = max(min(first - 1, len(self.t) - 2), 0)
+        rows = slice(first, max(last + 1, first + 2))
+        panels = tuple(
+            replace(p, series=tuple(replace(s, values=s.values[rows]) for s in p.series))
+            for p in self.panels
+        )
+        return replace(self, t=self.t[rows], panels=panels)
+
     def content(self) -> dict[str, Any]:
         """Return what the page's script draws: texts, and arrays as base64."""
         begin = float(self.t[0]) if len(self.t) else 0.0
         return {
             "across": self.across,
             "begin": begin,
+            "complete": not self._stretches[1].any(),
             "t": _packed((self.t[self.rows] - begin), np.float64),
             "panels": [
                 {

@@ -6,12 +6,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ivtools.plots.style import COLOURS, WIDTH_MM, Sheet, legend_above, line, look, sheet
+from ivtools.columns import UNITS
+from ivtools.plots.chart import Chart, Panel, Series
+from ivtools.plots.style import (
+    COLOURS,
+    WIDTH_MM,
+    Sheet,
+    legend_above,
+    line,
+    look,
+    readable,
+    scaled,
+    sheet,
+)
 
 if TYPE_CHECKING:
     from ivtools.record import Record
 
 _ROWS = (("q", "q_ref"), ("dq", "dq_ref"), ("nu", "added"), ("tau", "load"))
+_QUANTITIES = {"q": "position", "dq": "velocity", "nu": "command", "tau": "force"}
+_BESIDE = {"q_ref": "reference", "dq_ref": "reference", "added": "added", "load": "outside force"}
 
 
 def record(logged: Record, joint: int = 0, *, width_mm: float = WIDTH_MM) -> Sheet:
@@ -45,3 +59,37 @@ def record(logged: Record, joint: int = 0, *, width_mm: float = WIDTH_MM) -> She
             axes.set_ylabel(main)
         panels[-1].set_xlabel("time, s")
     return figure
+
+
+def record_chart(logged: Record, joint: str, *, caption: str) -> Chart:
+    """Return what was logged of one joint as a chart: a panel a quantity.
+
+    Parameters
+    ----------
+    logged : Record
+        Of one joint.
+    joint : {"prismatic", "revolute"}
+        Says the units.
+    caption : str
+        Of the chart on its page.
+
+    Examples
+    --------
+    >>> import ivtools as iv
+    >>> made = record_chart(iv.datasets.twin(), "prismatic", caption="The twin.")
+    >>> [(panel.quantity, panel.unit) for panel in made.panels]
+    [('position', 'm'), ('velocity', 'm/s'), ('command', '')]
+    """
+    signals = {name: x[:, 0] for name, x in logged.signals.items()}
+    signals.setdefault("dq", np.gradient(signals["q"], logged.dt))
+    panels = []
+    for main, beside in _ROWS:
+        if main not in signals:
+            continue
+        unit = UNITS[main][joint == "revolute"] if main in UNITS else ""
+        factor, shown = scaled(signals[main], unit) if unit else (1.0, "")
+        pairs = [(main, "measured" if main in ("q", "dq", "tau") else "recorded", "measured")]
+        pairs += [(beside, _BESIDE[beside], "reference")] if beside in signals else []
+        series = tuple(Series(label, factor * signals[n], role) for n, label, role in pairs)
+        panels.append(Panel(_QUANTITIES[main], readable(shown), series))
+    return Chart("record", logged.t, tuple(panels), caption)

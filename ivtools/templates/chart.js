@@ -1,6 +1,11 @@
 "use strict";
-/* Draws every <figure class="chart"> of the page with uPlot: panels that share time and cursor. */
-(function () {
+/* Draws every <figure class="chart"> of the page with uPlot: panels that share time and cursor.
+
+   A figure with data-source asks its server for the samples of the time that is visible. Figures
+   inside an element with data-linked show the same time. */
+const ivtoolsCharts = (function () {
+  const PAUSE = 60; // ms between the last zoom and the question to the server
+  const drawn = [];
   const STEP = 0.2; // of the visible time that a key moves or zooms
   const colour = (name) =>
     getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
@@ -16,9 +21,16 @@
     return x == null ? "–" : Number(x.toPrecision(digits)).toString();
   }
 
+  /* Ticks with as many digits as tell them apart. */
+  function ticks(_, values) {
+    const step = Math.abs(values[1] - values[0]) || 1;
+    const small = step < 1e-4, places = Math.min(Math.max(Math.ceil(-Math.log10(step) - 1e-9), 0) + 1, 9);
+    return values.map((x) => (x === 0 ? "0" : small ? Number(x.toPrecision(3)).toExponential() : String(Number(x.toFixed(places)))));
+  }
+
   function axis(label, size) {
     return {
-      label, size, labelSize: 18, gap: 3, labelGap: 0,
+      label: label || null, size, labelSize: 18, gap: 3, labelGap: 0, values: ticks,
       font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
       stroke: () => colour("ink"),
       grid: { stroke: () => colour("grid"), width: 1 },
@@ -43,22 +55,65 @@
     return count === 1 ? 260 : rank === 0 ? 220 : 150;
   }
 
-  function draw(figure, rank) {
+  /* Forget figures that have left the page. */
+  function prune() {
+    for (const chart of drawn.filter((c) => !c.figure.isConnected)) {
+      drawn.splice(drawn.indexOf(chart), 1);
+      chart.forget();
+    }
+  }
+
+  function draw(figure) {
+    const rank = ++draw.count;
+    const source = figure.dataset.source;
+    const linked = source && figure.closest("[data-linked]");
     const content = JSON.parse(figure.querySelector("script").textContent);
     const t = numbers(content.t, Float64Array).map((x) => x + content.begin);
     const whole = [t[0], t[t.length - 1]];
     const place = figure.querySelector(".panels");
     const plots = [];
-    let busy = false;
+    let busy = false, asked = 0, waiting = 0, stale = false, began = 0;
 
-    function show(from, to) {
+    function show(from, to, own = true) {
       const least = 4 * (whole[1] - whole[0]) / 1e6;
       if (to - from < least) return;
-      const span = Math.min(to - from, whole[1] - whole[0]);
-      const start = Math.min(Math.max(from, whole[0]), whole[1] - span);
+      const span = own ? Math.min(to - from, whole[1] - whole[0]) : to - from;
+      const start = own ? Math.min(Math.max(from, whole[0]), whole[1] - span) : from;
       busy = true;
       for (const plot of plots) plot.setScale("x", { min: start, max: start + span });
       busy = false;
+      if (own) began = performance.now();
+      if (source && !content.complete) {
+        clearTimeout(waiting);
+        waiting = setTimeout(refine, PAUSE);
+      }
+      if (own && linked) {
+        for (const other of drawn) if (other.linked && other.show !== show) other.show(start, start + span, false);
+      }
+    }
+
+    /* Replace the samples by those of the visible time, as finely as the server gives them. */
+    async function refine() {
+      const box = figure.getBoundingClientRect(), mine = ++asked;
+      stale = box.bottom < 0 || box.top > innerHeight;
+      if (stale || !figure.isConnected) return;
+      const [from, to] = view();
+      let part = content;
+      if (from > whole[0] || to < whole[1]) {
+        const answer = await fetch(`${source}?from=${from}&to=${to}`).catch(() => null);
+        if (!answer || !answer.ok || mine !== asked) return;
+        part = await answer.json();
+        if (mine !== asked) return;
+      }
+      const times = numbers(part.t, Float64Array).map((x) => x + part.begin);
+      busy = true;
+      plots.forEach((plot, k) => {
+        plot.setData([times, ...part.panels[k].series.map((s) => numbers(s.values, Float32Array))], false);
+        plot.setScale("x", { min: from, max: to });
+      });
+      busy = false;
+      figure.dataset.refined = (performance.now() - began).toFixed(1);
+      figure.dataset.samples = times.length;
     }
     const all = () => show(whole[0], whole[1]);
     const view = () => [plots[0].scales.x.min, plots[0].scales.x.max];
@@ -101,9 +156,9 @@
             },
           },
         },
-        axes: [last ? axis(content.across, 34) : { ...axis("", 16), values: (u, v) => v.map(() => "") }, { ...axis(panel.label, 46), space: 24 }],
+        axes: [last ? axis(content.across, 34) : { ...axis("", 4), ticks: { show: false }, values: (u, v) => v.map(() => "") }, { ...axis(panel.label, 46), space: 24 }],
         cursor: {
-          sync: { key: "chart" + rank, scales: ["x", null] },
+          sync: { key: linked ? "linked" : "chart" + rank, scales: ["x", null] },
           drag: { x: true, y: false, dist: 6 },
         },
         legend: { live: true },
@@ -144,12 +199,23 @@
       button.addEventListener("click", region ? () => jump(region) : actions[button.dataset.key]);
     }
     touch(place, plots, show, view);
-    new ResizeObserver(() => {
+    const size = new ResizeObserver(() => {
       for (const plot of plots) plot.setSize({ width: place.clientWidth, height: plot.height });
-    }).observe(place);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () =>
-      plots.forEach((plot) => plot.redraw(false)));
+    });
+    size.observe(place);
+    const seen = new IntersectionObserver(() => { if (stale) refine(); });
+    seen.observe(figure);
+    drawn.push({
+      figure, plots, linked, show, view,
+      forget: () => { size.disconnect(); seen.disconnect(); plots.forEach((p) => p.destroy()); },
+    });
+    const peer = linked && drawn.find((c) => c.linked && c.show !== show);
+    if (peer) {
+      const [from, to] = peer.view();
+      if (from > whole[0] || to < whole[1]) show(from, to, false);
+    }
   }
+  draw.count = 0;
 
   /* Names in the legend switch their signal; with the keyboard as well. */
   function switches(plot) {
@@ -190,5 +256,12 @@
     place.addEventListener("touchend", () => { begin = null; });
   }
 
-  document.querySelectorAll("figure.chart").forEach(draw);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () =>
+    drawn.forEach((chart) => chart.plots.forEach((plot) => plot.redraw(false))));
+
+  return {
+    draw: (root) => { prune(); root.querySelectorAll("figure.chart").forEach(draw); },
+    drawn,
+  };
 })();
+ivtoolsCharts.draw(document);

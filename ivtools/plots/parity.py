@@ -1,0 +1,48 @@
+"""The recorded command against what the control law makes of the measured position."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ivtools.gap.parity import Signals
+from ivtools.plots.chart import Chart, Panel, Series, inner_limits, worst
+
+if TYPE_CHECKING:
+    from ivtools.loop import ClosedLoop
+    from ivtools.record import Record
+
+
+def parity_chart(record: Record, loop: ClosedLoop, *, caption: str) -> Chart:
+    """Return the command, recorded and by the law, and their difference, as a chart.
+
+    Parameters
+    ----------
+    record : Record
+        With a reference.
+    loop : ClosedLoop
+        Its controller is a law.
+    caption : str
+        Of the chart on its page.
+
+    Examples
+    --------
+    >>> import ivtools as iv
+    >>> made = parity_chart(iv.datasets.twin(), iv.axes.emps(), caption="The law.")
+    >>> [panel.quantity for panel in made.panels]
+    ['command', 'command less law']
+    """
+    signals = Signals(record, loop)
+    error = signals.error(loop.controller, loop.controller.delay, 0.0)
+    recorded = signals.command
+    both = (
+        Series("recorded", recorded, "measured"),
+        Series("by the law", recorded - error, "model"),
+    )
+    error = np.where(np.isfinite(error), error, np.nan)
+    panels = (
+        Panel("command", "", both),
+        Panel("command less law", "", (Series("difference", error, "error"),), inner_limits(error)),
+    )
+    return Chart("parity", record.t, panels, caption, worst(record.t, error))
