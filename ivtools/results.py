@@ -143,8 +143,9 @@ class FitResults(Estimates, Goodness, WithTests):
         if isinstance(units, Mapping):
             units = [units[name] for name in index]
         resids = y - X @ np.asarray(theta, dtype=float)  # (N,)
-        starts = _segments(status.get("t"), problem)
-        cov = linalg.estimate_covariance(X, resids, Z, cov_type, weights=weights, starts=starts)
+        cov = linalg.estimate_covariance(
+            X, resids, Z, cov_type, weights=weights, **_layout(status.get("t"), problem)
+        )
         return cls(
             method=method,
             params=pd.Series(theta, index=index, name="params", dtype=float),
@@ -175,7 +176,7 @@ class FitResults(Estimates, Goodness, WithTests):
             weights=self.weights,
             bandwidth=bandwidth,
             debiased=debiased,
-            starts=_segments(self.t, self.problem),
+            **_layout(self.t, self.problem),
         )
         return replace(self, **_labelled(cov, self.params.index), cov_type=cov_type)
 
@@ -340,11 +341,12 @@ def _labelled(cov: linalg.Covariance, names: pd.Index) -> dict[str, Any]:
     }
 
 
-def _segments(t: Array | None, problem: Problem | None) -> NDArray[np.intp] | None:
-    """Return the first rows of the segments without gaps, as far as the rows are known."""
+def _layout(t: Array | None, problem: Problem | None) -> dict[str, Any]:
+    """Return segments without gaps, joints and instants of the rows, as far as they are known."""
     if t is None:
-        return None
+        return {}
     joints = getattr(problem, "row_joints", None)
     if joints is None or len(joints) != len(t):
         joints = np.zeros(len(t), dtype=int)
-    return linalg.segment_starts(t, joints)
+    stack = linalg.Stack(joints, t) if joints.any() else None
+    return {"starts": linalg.segment_starts(t, joints), "stack": stack}

@@ -26,7 +26,7 @@ ORDER = [
     ("datasets", "physics"),
     ("robot",),
     ("loop",),
-    ("axes", "digest"),
+    ("axes", "digest", "excitation"),
     ("problem",),
     ("estimates", "goodness", "hypothesis", "joint_figures"),
     ("results", "transfer_table"),
@@ -58,6 +58,7 @@ LATE = {
     ("study", "plots"): "the figures of score.page()",
     ("study", "report"): "score.page()",
     ("gap", "plots"): "diagnosis.plot()",
+    ("excitation", "plots"): "excitation.plot()",
     ("gap", "report"): "diagnosis.to_html()",
 }
 

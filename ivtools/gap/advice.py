@@ -62,6 +62,9 @@ EXCITATIONS: dict[str, Callable[[Record], Record]] = {
     "a dither of 3 to 50 Hz added to the command (a tenth of its largest value)": _dither,
 }
 
+MADE_BY = dict(zip(EXCITATIONS, ("steps", "steps", "sweep"), strict=True))
+"""The reference of `ivtools excite` that has such a motion."""
+
 
 def separate(first: Fit, second: Fit, name: str, other: str) -> str:
     """Say which excitation tells two effects apart.
@@ -86,7 +89,8 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
         )
     return (
         f"to tell {name} from {other}: {text}; what the one cannot mimic of the other grows "
-        f"from {100 * now:.0f} % to {100 * better[text]:.0f} % of the signature"
+        f"from {100 * now:.0f} % to {100 * better[text]:.0f} % of the signature; ivtools excite "
+        f"--kind {MADE_BY[text]} makes such a reference"
     )
 
 

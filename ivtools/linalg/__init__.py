@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ivtools.linalg.autocovariance import segment_starts
 from ivtools.linalg.columns import abs_diag_r, base_columns, projection
-from ivtools.linalg.covariance import Covariance, covariance, estimate_covariance
+from ivtools.linalg.covariance import Covariance, Stack, covariance, estimate_covariance
 from ivtools.linalg.long_run import (
     CovType,
     automatic_bandwidth,
@@ -27,6 +27,7 @@ __all__ = [
     "RANK_TOLERANCE",
     "CovType",
     "Covariance",
+    "Stack",
     "NoiseModel",
     "Weights",
     "abs_diag_r",

@@ -25,11 +25,11 @@ def autocovariance(e: Array, lags: int, starts: NDArray[np.intp]) -> Array:
     return total / len(e)
 
 
-def taken(inverse: Array, sigma: float, fitted: Array, lags: int) -> Array:
+def taken(inverse: Array, sigma: float, Q: Array, lags: int) -> Array:
     """Return the autocovariances (lags + 1,) that a fit takes from noise of a model, in the mean.
 
-    A fit by the columns `fitted` leaves (I - P) e of the noise e, where P = Q Q' projects on the
-    columns. Of the covariance S of the noise that leaves S - P S - S P + P S P. What it takes is
+    A fit by columns that Q spans leaves (I - P) e of the noise e, where P = Q Q' projects on
+    them. Of the covariance S of the noise that leaves S - P S - S P + P S P. What it takes is
     little of the whole. But the columns move at few frequencies, where it is a tenth of the noise
     or more, and a model of the residual makes intervals too narrow by half of that.
 
@@ -39,7 +39,8 @@ def taken(inverse: Array, sigma: float, fitted: Array, lags: int) -> Array:
         Polynomial that whitens the noise, 1, -a1, ...
     sigma : float
         Deviation of the white noise behind it.
-    fitted : (N, k) ndarray
+    Q : (N, k) ndarray
+        Orthonormal columns, or the rows of such that this noise belongs to.
     lags : int
 
     References
@@ -49,13 +50,13 @@ def taken(inverse: Array, sigma: float, fitted: Array, lags: int) -> Array:
 
     Examples
     --------
-    >>> taken(np.ones(1), 1.0, np.ones((50, 1)), 1).round(4)  # white: 1/50, and 49/50 of that
+    >>> Q = np.full((50, 1), 50**-0.5)
+    >>> taken(np.ones(1), 1.0, Q, 1).round(4)  # white: 1/50, and 49/50 of that
     array([0.02  , 0.0196])
     """
-    n = len(fitted)
+    n = len(Q)
     size = 1 << (2 * n - 1).bit_length()
     power = sigma**2 / np.abs(np.fft.rfft(inverse, size)[:, np.newaxis]) ** 2
-    Q = np.linalg.qr(fitted)[0]  # (N, k)
     SQ = np.fft.irfft(power * np.fft.rfft(Q, size, axis=0), size, axis=0)[:n]
     R = 2.0 * SQ - Q @ (Q.T @ SQ)  # Q R' + R Q' is twice what is taken
     cross = np.fft.rfft(Q, size, axis=0) * np.conj(np.fft.rfft(R, size, axis=0))

@@ -22,6 +22,34 @@ Array = NDArray[np.float64]
 ORDER = 20  # largest of the autoregression that whitens; what it leaves the kernel sees to
 
 
+class Stack(NamedTuple):
+    """Where rows come from that are stacked joint by joint.
+
+    Attributes
+    ----------
+    joints : (N,) ndarray of int
+    t : (N,) ndarray
+        Instant of each row, s.
+    """
+
+    joints: NDArray[np.int_]
+    t: Array
+
+    def summed(self, scores: Array) -> Array:
+        """Return the sums (n, p) of the scores (N, p) of each instant, in the order of time.
+
+        Examples
+        --------
+        >>> stack = Stack(np.array([0, 0, 1]), np.array([0.0, 0.1, 0.1]))
+        >>> stack.summed(np.array([[1.0], [2.0], [3.0]])).ravel().tolist()
+        [1.0, 5.0]
+        """
+        instants, which = np.unique(self.t, return_inverse=True)
+        sums = np.zeros((len(instants), scores.shape[1]))
+        np.add.at(sums, which, scores)
+        return sums
+
+
 class Covariance(NamedTuple):
     """Covariance of an estimate.
 
@@ -49,6 +77,7 @@ def covariance(
     bandwidth: int | None = None,
     debiased: bool | None = None,
     starts: NDArray[np.intp] | None = None,
+    stack: Stack | None = None,
 ) -> Array:
     """Return the covariance (p, p) of an estimate; the arguments are `estimate_covariance`'s.
 
@@ -61,7 +90,7 @@ def covariance(
     """
     found = estimate_covariance(
         X, resids, Z, cov_type,
-        weights=weights, bandwidth=bandwidth, debiased=debiased, starts=starts,
+        weights=weights, bandwidth=bandwidth, debiased=debiased, starts=starts, stack=stack,
     )  # fmt: skip
     return found.matrix
 
@@ -76,6 +105,7 @@ def estimate_covariance(
     bandwidth: int | None = None,
     debiased: bool | None = None,
     starts: NDArray[np.intp] | None = None,
+    stack: Stack | None = None,
 ) -> Covariance:
     """Return the covariance of the instrumental-variable (or least-squares) estimate.
 
@@ -97,6 +127,9 @@ def estimate_covariance(
         gives back what the fit has taken.
     starts : (m,) ndarray of int, optional
         First row of each segment without gaps, for the prewhitened form (see `segment_starts`).
+    stack : Stack, optional
+        Joint and instant of each row, if there are several joints: errors of one instant may then
+        hang together.
 
     Raises
     ------
@@ -112,11 +145,12 @@ def estimate_covariance(
     rows = influence(X, Z)  # (N, p)
     if cov_type == "hac" and bandwidth is None and resids.any():
         spent = getattr(weights, "order", 0)  # by a noise model among the weights
-        return prewhitened(rows, resids, X if Z is None else Z, starts, spent)
+        return prewhitened(rows, resids, X if Z is None else Z, starts, spent, stack)
     if cov_type == "classical":
         matrix = _variance(resids, p, debiased) * rows.T @ rows
     else:
         scores = rows * resids[:, np.newaxis]  # (N, p)
+        scores = scores if stack is None else stack.summed(scores)
         matrix = score_covariance(scores, cov_type, bandwidth)
         matrix = matrix * (n / (n - p) if debiased else 1.0)
     return Covariance(matrix, effective_rows(rows), np.full(p, np.inf))
@@ -128,6 +162,7 @@ def prewhitened(
     fitted: Array,
     starts: NDArray[np.intp] | None = None,
     spent: int = 0,
+    stack: Stack | None = None,
 ) -> Covariance:
     """Return the prewhitened heteroskedasticity and autocorrelation consistent covariance.
 
@@ -151,6 +186,9 @@ def prewhitened(
         First row of each segment without gaps.
     spent : int
         Parameters of the noise that were fitted to these residuals before.
+    stack : Stack, optional
+        Joint and instant of each row. Each joint then has an autoregression of its own, and the
+        scores of one instant are summed before the lags are weighed.
 
     References
     ----------
@@ -158,15 +196,29 @@ def prewhitened(
     Economic Studies 61, 1994; N. M. Kiefer, T. J. Vogelsang, Econometric Theory 21, 2005;
     R. M. Bell, D. F. McCaffrey, Survey Methodology 28, 2002: the degrees of freedom.
     """
-    noise = NoiseModel.fit(resids, starts, fitted=fitted, max_order=ORDER)
-    shocks, reach = noise(resids), noise.reach(rows)  # (N,), (N, p)
-    scores = reach * shocks[:, np.newaxis]
-    bandwidth = automatic_bandwidth(scores)
-    left = max(len(resids) - noise.order - spent, 1) / len(resids)  # of the shocks' freedom
-    given_back = noise.sigma**2 / float(np.mean(shocks**2)) / left
-    effective = effective_rows(reach)
+    basis = np.linalg.qr(fitted)[0]  # (N, m)
+    starts = np.zeros(1, dtype=np.intp) if starts is None else starts
+    whole = np.arange(len(resids))
+    joints = np.zeros_like(whole) if stack is None else stack.joints
+    scores, reach = np.empty_like(rows), np.empty_like(rows)  # (N, p)
+    for part in (whole[joints == j] for j in np.unique(joints)):
+        own = starts[(starts >= part[0]) & (starts <= part[-1])] - part[0]
+        scores[part], reach[part] = _shocks(rows[part], resids[part], basis[part], own, spent)
+    sums = scores if stack is None else stack.summed(scores)
+    bandwidth, effective = automatic_bandwidth(sums), effective_rows(reach)
     freedom = np.maximum(effective / kernel_share(bandwidth), 1.0)
-    return Covariance(given_back * long_run_variance(scores, bandwidth), effective, freedom)
+    return Covariance(long_run_variance(sums, bandwidth), effective, freedom)
+
+
+def _shocks(
+    rows: Array, resids: Array, basis: Array, starts: NDArray[np.intp], spent: int
+) -> tuple[Array, Array]:
+    """Return the scores (N, p) of the shocks behind a residual (N,), and their weights."""
+    noise = NoiseModel.fit(resids, starts, basis=basis, max_order=ORDER)
+    shocks, reach = noise(resids), noise.reach(rows)  # (N,), (N, p)
+    left = max(len(resids) - noise.order - spent, 1) / len(resids)  # of the shocks' freedom
+    given_back = noise.sigma**2 / max(float(np.mean(shocks**2)), np.finfo(float).tiny) / left
+    return reach * (np.sqrt(given_back) * shocks)[:, np.newaxis], reach
 
 
 def effective_rows(rows: Array) -> Array:

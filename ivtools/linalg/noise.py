@@ -70,6 +70,7 @@ class NoiseModel:
         criterion: Criterion = "aic",
         max_order: int = MAX_ORDER,
         fitted: Array | None = None,
+        basis: Array | None = None,
     ) -> NoiseModel:
         """Fit to a residual (N,); the order by an information criterion.
 
@@ -88,6 +89,9 @@ class NoiseModel:
         fitted : (N, k) ndarray, optional
             Columns by which the residual was fitted. An autoregressive model is then given back
             what the fit took from the noise (see `taken`).
+        basis : (N, k) ndarray, optional
+            The same as rows of an orthonormal basis of the columns, where these rows are some of
+            all that were fitted.
 
         References
         ----------
@@ -105,9 +109,11 @@ class NoiseModel:
         top = max(1, min(max_order, len(e) // 10))
         acov = autocovariance(e, top, starts)
         model = cls._of_best_order(acov, starts, len(e), penalty)
-        if fitted is None:
+        if fitted is not None:
+            basis = np.linalg.qr(fitted)[0]
+        if basis is None:
             return model
-        acov += taken(model.inverse, model.sigma, fitted, top)
+        acov += taken(model.inverse, model.sigma, basis, top)
         return cls._of_best_order(acov, starts, len(e), penalty)
 
     @classmethod

@@ -31,6 +31,7 @@ _TABLES: dict[str, tuple[str, ...]] = {
     "drive": ("gain", "delay"),
     "model": ("terms", "start"),
     "pipeline": ("rule", *(f.name for f in fields(Pipeline))),
+    "limits": ("lower", "upper", "speed", "acceleration", "effort"),  # for excite
 }
 #: What a number alone in these keys is for.
 _RELATIVE = {"rated": ("%",), "counts_per_unit": ("counts", "counts/s")}

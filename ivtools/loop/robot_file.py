@@ -20,7 +20,7 @@ from .robot_loop import RobotLoop
 _ROBOT = ("name", "urdf", "mjcf", "joints", "transmission", "gravity")
 _TOOL = ("link", "mass", "com", "inertia")
 _SHARED = ("controller", "drive", "model")
-_KNOWN = ("robot", "tool", "record", *_SHARED, "joint", "start")
+_KNOWN = ("robot", "tool", "record", *_SHARED, "joint", "start", "limits")  # limits: for excite
 
 
 def read(path: str | Path) -> RobotLoop:
@@ -58,7 +58,7 @@ def from_robot_tables(tables: Mapping[str, Any], folder: Path) -> RobotLoop:
     own = _mapping("joint", tables.get("joint", {}))
     for name, content in own.items():
         robot.joint(name)
-        _table(f"joint.{name}", content, _SHARED)
+        _table(f"joint.{name}", content, (*_SHARED, "limits"))
     axes = [_axis(tables, own.get(name, {}), name) for name in robot.names]
     log = from_tables(
         {**_plain(tables), "controller": {"kind": "none"}, "drive": {"gain": 1.0}}

@@ -1,0 +1,143 @@
+"""Information: what a motion tells of the parameters, and how that changes with the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import AxisError
+from ..loop import ClosedLoop, RobotLoop
+from ..pipeline import Motion
+from .limits import Limits
+
+Array = NDArray[np.float64]
+Criterion = Literal["condition", "d", "a"]
+
+_SHARE = 1e-6  # of the limits: step of the differences
+_OVER = 30.0  # weight of an effort beyond its limit
+_EFFORT = 0.97  # of the limit, at which that begins
+
+
+class Cost(NamedTuple):
+    """A criterion at some motion, and its derivative by position, velocity and acceleration."""
+
+    value: float
+    slopes: Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """The observation matrix of a loop's motions and what it is worth.
+
+    Parameters
+    ----------
+    loop : ClosedLoop or RobotLoop
+    limits : Limits
+        Efforts beyond them cost.
+    criterion : {"condition", "d", "a"}
+        Condition number of the observation matrix; volume of the confidence ellipsoid; sum of the
+        relative variances. The latter two take the noise of a joint as proportional to its effort.
+    power : float
+        Sharpness of the condition number: that of the norm of the eigenvalues that stands for
+        the largest one, for the largest has no derivative where two are equal.
+    """
+
+    loop: ClosedLoop | RobotLoop
+    limits: Limits
+    criterion: Criterion = "condition"
+    power: float = 4.0
+
+    def matrix(self, motion: Motion) -> Array:
+        """Return the observation matrix, (n_joints, n_samples, p)."""
+        X = self.loop.regressor(motion)
+        return X if X.ndim == 3 else X[np.newaxis]
+
+    def condition(self, motion: Motion) -> float:
+        """Return the condition number of the observation matrix, in SI units."""
+        X = self.matrix(motion)
+        return float(np.linalg.cond(X.reshape(-1, X.shape[2])))
+
+    def effort(self, motion: Motion) -> Array:
+        """Return the force that the loop's starting values ask for, (n_samples, n_joints)."""
+        return np.asarray((self.matrix(motion) @ self._theta).T, dtype=float)
+
+    @cached_property
+    def _theta(self) -> Array:
+        """Starting values; not numbers if the loop has none and nothing asks for them."""
+        try:
+            values = self.loop.values()
+        except AxisError:
+            if np.isfinite(self.limits.effort).any() or self.criterion == "a":
+                raise
+            values = dict.fromkeys(self.loop.names, np.nan)
+        return np.array([values[name] for name in self.loop.names])
+
+    def __call__(self, motion: Motion) -> Cost:
+        """Return the criterion of a motion and its derivative."""
+        X = self.matrix(motion) * self._weights[:, np.newaxis, np.newaxis]
+        rows = X.reshape(-1, X.shape[2])
+        value, S = self._scored(rows.T @ rows)
+        slopes = self._slopes(motion, S)
+        return Cost(value + float(self._excess(self.matrix(motion)).sum()), slopes)
+
+    def _slopes(self, motion: Motion, S: Array) -> Motion:
+        """Return the derivative by every sample of every signal, S (p, p) that by the matrix.
+
+        What the criterion does is a sum over samples, so one difference per signal and joint
+        serves all samples; the changed motions follow each other as if they were one.
+        """
+        n, joints = motion.q.shape
+        steps = _SHARE * np.array(self._sizes)  # (3, joints)
+        moved = [np.tile(signal, (1 + 3 * joints, 1)) for signal in motion]
+        for k in range(3 * joints):
+            signal, joint = divmod(k, joints)
+            moved[signal][(k + 1) * n : (k + 2) * n, joint] += steps[signal, joint]
+        worth = self._worth(Motion(*moved), S).reshape(1 + 3 * joints, n)
+        slopes = (worth[1:] - worth[0]) / steps.ravel()[:, np.newaxis]
+        return Motion(*slopes.reshape(3, joints, n).transpose(0, 2, 1))
+
+    @property
+    def _sizes(self) -> tuple[Array, Array, Array]:
+        limits = self.limits
+        return limits.upper - limits.lower, limits.speed, limits.acceleration
+
+    @property
+    def _weights(self) -> Array:
+        known = np.isfinite(self.limits.effort)
+        if self.criterion == "condition" or not known.all():
+            return np.ones(self.limits.n_joints)
+        return np.asarray(1.0 / self.limits.effort, dtype=float)
+
+    def _scored(self, G: Array) -> tuple[float, Array]:
+        """Return the criterion of the information matrix (p, p) and its derivative by it."""
+        values, V = np.linalg.eigh(G)
+        values = np.maximum(values, 1e-14 * values[-1])
+        if self.criterion == "d":
+            return -float(np.log(values).sum()), -(V / values) @ V.T
+        if self.criterion == "a":
+            scale = np.maximum(np.abs(self._theta), 1e-3 * np.abs(self._theta).max())
+            W = V / values @ V.T / scale
+            total = float(np.sum(np.diag(W) / scale))
+            return np.log(total), -(W @ W.T) / total
+        logs, p = np.log(values), self.power
+        up, down = np.exp(p * (logs - logs[-1])), np.exp(p * (logs[0] - logs))
+        value = logs[-1] - logs[0] + float(np.log(up.sum()) + np.log(down.sum())) / p
+        slope = (up / up.sum() - down / down.sum()) / values
+        return 0.5 * value, 0.5 * (V * slope) @ V.T  # of the matrix itself, not of its square
+
+    def _excess(self, X: Array) -> Array:
+        """Return what efforts beyond their limits cost, (n_samples,)."""
+        if not np.isfinite(self.limits.effort).any():
+            return np.zeros(X.shape[1])
+        effort = np.abs(X @ self._theta) / self.limits.effort[:, np.newaxis]
+        return np.asarray(_OVER * (np.maximum(effort - _EFFORT, 0.0) ** 2).sum(axis=0))
+
+    def _worth(self, motion: Motion, S: Array) -> Array:
+        """Return the function of single samples whose sum has the criterion's derivative."""
+        X = self.matrix(motion)
+        scaled = X * self._weights[:, np.newaxis, np.newaxis]
+        return np.asarray(((scaled @ S) * scaled).sum(axis=(0, 2)) + self._excess(X), dtype=float)
