@@ -22,6 +22,7 @@ from ivtools.estimators.continuous import (
 from ivtools.estimators.structure import search_structures
 from ivtools.estimators.transfer_function import SRIVC
 from ivtools.loop.controllers import Controller
+from ivtools.pipeline import Pipeline
 from ivtools.problem import Problem
 from ivtools.record import Record
 from ivtools.reproduce.toolboxes import report_cases
@@ -120,6 +121,7 @@ def test_a_discrete_record_without_noise_gives_the_polynomials_in_z(method):
         fit.simulate(np.ones(300), 2e-3)
 
 
+@pytest.mark.slow
 def test_a_box_jenkins_model_is_more_accurate_than_none():
     simple, refined = [], []
     for seed in range(6):
@@ -308,6 +310,39 @@ def test_the_delay_of_the_input_is_estimated(late):
     assert 0.0 < fit.std_errors["delay"] < 2e-5 and fit.converged
     known = SRIVC(poles=2, offset=False, delay=late).fit(problem)
     assert known.relative_error == pytest.approx(fit.relative_error, rel=1e-2)
+
+
+@pytest.mark.parametrize("late", [0, 9, 77])
+def test_a_delay_in_discrete_time_is_any_number_of_samples(late):
+    u = steps(4, 5000, every=25)
+    q = respond([2.0, 3.5e3], [1.0, 200.0, 2e4], u, DT, "euler", late * DT)
+    noise = 0.01 * np.std(q) * np.random.default_rng(1).standard_normal(len(u))
+    problem = Problem(Record(np.arange(len(u)) * DT, q + noise, nu=u), axes.emps())
+    fit = SRIV(poles=2, zeros=1, offset=False, delay="estimate").fit(problem)
+    assert fit.delay == pytest.approx(late * DT) and "delay" not in fit.params
+    np.testing.assert_allclose(fit.params[:2], [200.0, 2e4], rtol=2e-2)
+
+
+@pytest.mark.parametrize("seed", [2, 8, 17])
+def test_a_delay_that_is_none_settles_at_its_bound(seed):
+    """There the response has a kink: estimates of the delay went to and fro in 8 of 40 records."""
+    rng, dt, n = np.random.default_rng(seed), 3.1e-4, 2100
+    u = np.repeat(rng.choice([-1.0, 1.0], 300), 7)
+    noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal(n))
+    q = 1e-3 * (respond([1257.0], [1.0, 394.0], u, dt) + 0.02 * noise)
+    problem = Problem(Record(np.arange(n) * dt, q, nu=u), axes.emps(), Pipeline(None, 1))
+    fit = RIVC(poles=1, offset=False, delay=np.str_("estimate")).fit(problem)
+    assert fit.converged and fit.delay < 0.05 * dt
+    assert abs(fit.params["a1"] - 394.0) < 4.0 * fit.std_errors["a1"]
+
+
+@pytest.mark.parametrize("late", [4e-4, 3e-3])
+def test_the_delay_of_a_drive_is_estimated_inside_its_loop(twin, late):
+    loop = replace(axes.emps(), delay=late)
+    problem = linear_axis(loop, twin.slice(0, 8000), 1e-5, 1)
+    fit = CLSRIVC(poles=2, integrators=1, delay="estimate").fit(problem)
+    off = fit.params.to_numpy() - [200.0 / 95.0, loop.gain / 95.0, 3.0 / 95.0, late]
+    assert np.all(np.abs(off) < 4.0 * fit.std_errors) and fit.std_errors["delay"] < 1e-5
 
 
 def test_a_fraction_of_a_step_is_exact_for_a_held_signal():

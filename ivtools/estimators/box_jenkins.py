@@ -13,7 +13,6 @@ from ivtools.errors import EstimationError
 from ivtools.estimators.continuous import Hold
 from ivtools.estimators.transfer_function import SRIVC
 from ivtools.estimators.transfer_model import Model
-from ivtools.linalg import solve_iv
 from ivtools.linalg.noise import Criterion, NoiseModel
 
 Array = NDArray[np.float64]
@@ -62,12 +61,7 @@ class RIVC(SRIVC):
 
     def _start(self, u: Array, y: Array, dt: float) -> Model:
         """Return an estimate without noise model, iterated a few times."""
-        model = super()._start(u, y, dt)
-        for _ in range(5):
-            X, target = self._rows(u, y, model, dt)
-            Z, _ = self._rows(u, model.respond(u, dt, self.hold), model, dt)
-            model = self._model(solve_iv(X, target, Z), dt, model)
-        return model
+        return self._iterated(super()._start(u, y, dt), u, y, dt)
 
     def _whitener(self, model: Model, u: Array, y: Array, dt: float) -> NoiseModel:
         """Return the inverse of a noise model of the output error.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
-from ivtools.estimators.continuous import close_loop
+from ivtools.estimators.continuous import close_loop, lagged
 from ivtools.estimators.transfer_function import SRIVC
 from ivtools.estimators.transfer_model import Model
 from ivtools.loop.controllers import Seen
@@ -71,9 +71,10 @@ class CLSRIVC(SRIVC):
         known, n = seen.inputs[:, :3].copy(), record.n_samples
         known[:, 0] -= known[0, 0]
         added = np.zeros(n) if record.added is None else record.added[:, 0]
-        q, nu = close_loop(
-            model.B, model.A, controller.law(record.dt), controller.delay, known, record.dt, added,
-        )  # fmt: skip
+        late = round(model.delay / record.dt)  # of the input: the loop is that much later too
+        law, delay = controller.law(record.dt), controller.delay + late
+        q, nu = close_loop(model.B, model.A, law, delay, known, record.dt, lagged(added, late))
         if np.all(np.isfinite(q)) and np.ptp(q) < 10.0 * np.ptp(record.q):
-            return nu, q
+            nu = np.append(nu[late:], np.full(late, nu[-1]))
+            return nu, replace(model, offset=0.0, initial=np.zeros(0)).respond(nu, record.dt, "zoh")
         return super().noise_free(model, u, problem)

@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 Signal = Literal["q_ref", "nu", "q", "dq"]
 
 _SETTLING = 10  # iterations after which the noise model is held: it may alternate
+_KINK = 0.05  # of a step: at whole steps a held input has a kink, where a delay never settles
 _LATEST = 0.05  # of the record: the largest delay that is looked for
 
 
@@ -160,10 +161,14 @@ class SRIVC:
                 whiten = self._whitener(model, u, y, dt)
             system = System(whiten(X), whiten(target), whiten(Z))
             old, theta = self.coefficients(model), solve_iv(*system)
+            near = not self._moves or abs(theta[len(self.names) - 1]) <= _KINK * dt
+            if self._moves:
+                theta[len(self.names) - 1] *= 0.5 ** max(n_iter - _SETTLING, 0)
             model = self._model(theta, dt, model)
             new = self.coefficients(model)
             weight = np.linalg.norm(system.X[:, : len(new)], axis=0)  # (p,)
-            if np.linalg.norm(weight * (new - old)) <= self.tol * np.linalg.norm(weight * new):
+            change = np.linalg.norm(weight * (new - old)) / np.linalg.norm(weight * new)
+            if near and change <= self.tol:
                 return model, system, n_iter, True
         return model, system, self.max_iter, False
 
@@ -181,15 +186,36 @@ class SRIVC:
             theta = np.asarray(self.start, dtype=float)
             delay = float(theta[-1]) if self.delay == "estimate" else 0.0
             return self._model(theta, dt, Model(np.ones(1), np.ones(1), delay=delay))
-        models = [self._first(u, y, dt, late) for late in self._delays(len(y), dt)]
+        if self.delay != "estimate":
+            return self._first(u, y, dt, float(self.delay))
+        late = self._coarsely(u, y, dt)
+        if self._moves:
+            return self._first(u, y, dt, dt * late)
+        near = [self._first(u, y, dt, dt * k) for k in range(max(late - 2, 0), late + 3)]
+        models = [self._iterated(model, u, y, dt) for model in near]
         return min(models, key=lambda model: self._misfit(model, u, y, dt))
 
-    def _delays(self, n: int, dt: float) -> list[float]:
-        """Return the delays, s, from which an estimate may start."""
-        if self.delay != "estimate":
-            return [float(self.delay)]
-        samples = np.geomspace(1.0, max(_LATEST * n, 2.0), 12).astype(int)
-        return [dt * late for late in dict.fromkeys([0, *samples.tolist()])]
+    def _coarsely(self, u: Array, y: Array, dt: float) -> int:
+        """Return the delay in samples whose first estimate simulates best: a grid, then halving."""
+        most = max(int(_LATEST * len(y)), 2)
+        tried: dict[int, float] = {}
+        candidates = {0, *np.geomspace(1.0, most, 12).astype(int).tolist()}
+        while candidates:
+            for late in candidates:
+                tried[late] = self._misfit(self._first(u, y, dt, dt * late), u, y, dt)
+            known, best = sorted(tried), min(tried, key=tried.__getitem__)
+            k = known.index(best)
+            beside = known[max(k - 1, 0)], known[min(k + 1, len(known) - 1)]
+            candidates = {(best + other) // 2 for other in beside} - set(known)
+        return best
+
+    def _iterated(self, model: Model, u: Array, y: Array, dt: float, count: int = 5) -> Model:
+        """Return a model after some steps without a noise model."""
+        for _ in range(count):
+            X, target = self._rows(u, y, model, dt)
+            Z, _ = self._rows(u, model.respond(u, dt, self.hold), model, dt)
+            model = self._model(solve_iv(X, target, Z), dt, model)
+        return model
 
     def _first(self, u: Array, y: Array, dt: float, delay: float) -> Model:
         """Return the best of several state-variable-filter estimates, by its simulation."""
@@ -248,7 +274,7 @@ class SRIVC:
     @property
     def _moves(self) -> bool:
         """Whether the delay is a parameter that changes continuously."""
-        return self.delay == "estimate" and self.hold != "euler"
+        return isinstance(self.delay, str) and self.hold != "euler"
 
     @property
     def _columns(self) -> tuple[str, ...]:
