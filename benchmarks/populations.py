@@ -11,9 +11,11 @@ from ivtools.record import Record
 KINDS = ("cascade-pd", "pd", "pid", "p-pi", "pi-velocity", "p-velocity", "state-space")
 
 
-def controller(rng: np.random.Generator, kind: str, inertia: float, hz: float) -> Controller:
+def controller(
+    rng: np.random.Generator, kind: str, inertia: float, hz: float, fast: float = 1.0
+) -> Controller:
     """A controller, in units of force, of a sensible loop on this inertia at this rate."""
-    width = 2.0 * np.pi * hz * rng.uniform(0.004, 0.015)  # rad/s, of the velocity loop
+    width = fast * 2.0 * np.pi * hz * rng.uniform(0.004, 0.015)  # rad/s, of the velocity loop
     kp, kv, ki = width * rng.uniform(0.15, 0.4), inertia * width, width * rng.uniform(0.05, 0.2)
     c = float(rng.choice([1.0, 1.0, 0.0, 0.7]))
     gains = {
@@ -72,12 +74,14 @@ def speed(law_taps: tuple[float, ...], q: np.ndarray, dt: float) -> np.ndarray:
     return np.convolve(q, backward_difference(law_taps, dt))[: len(q)]
 
 
-def reference(rng: np.random.Generator, n: int, hz: float, stroke: float, extra=None) -> Record:
-    """A record of smooth moves over a stroke, there and back."""
+def reference(
+    rng: np.random.Generator, n: int, hz: float, stroke: float, extra=None, most: float = 7.0
+) -> Record:
+    """A record of smooth moves over a stroke, there and back, at most so often."""
     t = np.arange(n) / hz
     whole = n / hz
     q_ref = np.zeros(n)
-    for cycles in rng.uniform(2.0, 7.0, 3) * min(1.0, whole):
+    for cycles in rng.uniform(2.0, most, 3) * min(1.0, whole):
         q_ref += np.sin(2.0 * np.pi * cycles * t / whole + rng.uniform(0, 6)) ** 3
     q_ref *= stroke / np.ptp(q_ref)
     return Record(t, q_ref - q_ref[0], q_ref=q_ref - q_ref[0], nu=np.cos(t), extra=extra or {})

@@ -16,7 +16,9 @@ Array = NDArray[np.float64]
 Signals = dict[tuple[str, str], Array]
 
 _MISSING = 0.75  # of a step; stamps that stay later by more have a sample missing between them
-_AROUND = 12  # stamps on either side whose median says how late they are
+_AROUND = 12  # stamps on either side that say how late they are; twice a long step more behind it
+_EARLY, _FARTHEST = 0.25, 500  # quantile of them that counts, and the most of them
+_AT_ONCE, _RARE = 8, 0.04  # rows over which a step is measured, if gaps are rarer than this
 _LOOK_AT, _MOST = 20_000, 1000  # long steps looked at, and gaps told
 _STEADY = 0.45  # of a step; stamps that stay this near to a steady clock are those of a logger
 _SLIP = 0.02  # relative; a nominal rate that is this far from that of the stamps is another rate
@@ -59,16 +61,26 @@ class Clock:
 
 
 def _typical_step(t: Array) -> float:
-    """Return the step of the clock, s: the mean of the steps that are no gaps."""
+    """Return the step of the clock, s: over some rows at once, so that what is late averages out.
+
+    Where samples are missing all over it is the mean of the steps that are no gaps.
+    """
     steps = np.diff(t)
     near = steps[steps < 1.6 * np.median(steps)] if np.median(steps) > 0 else steps
+    if len(near) > (1.0 - _RARE) * len(steps) and len(t) > 2 * _AT_ONCE:
+        return float(np.median(t[_AT_ONCE:] - t[:-_AT_ONCE])) / _AT_ONCE
     return float(near.mean()) if near.mean() > 0 else float(np.median(steps[steps > 0]))
 
 
-def _shift(late: Array, row: int) -> float:
-    """Return how much later the stamps are from a row on, in steps."""
-    before, after = late[max(row - _AROUND, 0) : row], late[row : row + _AROUND]
-    return float(np.median(after) - np.median(before))
+def _shift(late: Array, row: int, length: float) -> float:
+    """Return how much later the stamps are from a row on, behind a step of a length, in steps.
+
+    A loop that was held up catches up by shorter steps and is then no later than before, so the
+    earliest stamps behind the step count, some way behind a long one.
+    """
+    behind = min(_AROUND + int(2.0 * length), _FARTHEST)
+    before, after = late[max(row - _AROUND, 0) : row], late[row : row + behind]
+    return float(np.quantile(after, _EARLY) - np.quantile(before, _EARLY))
 
 
 def _jumps(late: Array, t: Array, step: float) -> NDArray[np.intp]:
@@ -82,7 +94,7 @@ def _jumps(late: Array, t: Array, step: float) -> NDArray[np.intp]:
     rows = rows[np.argsort(-steps[rows - 1], kind="stable")][:_LOOK_AT]
     found: list[int] = []
     for row in rows.tolist():
-        shift = _shift(late, row)
+        shift = _shift(late, row, steps[row - 1] / step)
         if shift > _MISSING and len(found) < _MOST:
             late[row:] -= max(round(shift), 1)
             found.append(row)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks import populations
 from ivtools import Record, axes
 from ivtools.errors import AxisError, RecordError, ShapeError
 from ivtools.loop import ClosedLoop, Controller
@@ -469,3 +470,24 @@ def test_equal_terms_with_other_laws_are_other_laws(twin):
         return loop.with_terms(*loop.terms, own).simulate(twin.slice(0, 3000), theta).nu
 
     assert not np.array_equal(moved(1.0), moved(30.0))
+
+
+# --- where a record begins -------------------------------------------------------------------------
+
+
+def test_a_record_of_a_slow_clock_may_begin_in_motion():
+    """Twenty samples are then a good part of a move, no parabola."""
+    missed = []
+    for seed in range(12):
+        rng = np.random.default_rng([seed, 5])
+        hz = float(rng.choice([60.0, 100.0, 200.0]))
+        loop, theta, stroke = populations.axis(rng, "prismatic")
+        law = populations.controller(rng, "pd", theta["inertia"], hz, fast=2.0)
+        loop = replace(loop, controller=populations.scaled(replace(law, delay=0), loop.gain))
+        asked = populations.reference(rng, int(8 * hz), hz, stroke)
+        noise = 1e-6 * stroke * rng.normal(size=asked.n_samples)
+        made = loop.simulate(asked, theta, initial="rest", position_noise=noise)
+        record = asked.replace(q=made.q, nu=made.nu).slice(int(hz))
+        error = (loop.simulate(record, theta).nu - record.nu)[: int(hz)]
+        missed.append(np.std(error) / np.std(record.nu))
+    assert max(missed) < 0.03 and np.median(missed) < 0.005

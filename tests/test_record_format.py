@@ -177,6 +177,23 @@ def test_the_clock_of_many_logs():
     assert wrong <= 2
 
 
+def test_a_loop_that_was_late_and_caught_up_has_lost_nothing():
+    rng = np.random.default_rng(8)
+    wrong = 0
+    for _ in range(200):
+        rate, n = float(rng.choice([100, 250, 1000, 4000])), int(rng.integers(2000, 6000))
+        stamps = jittering(rng, np.arange(n, dtype=float), rng.uniform(0, 0.1))
+        lost = int(rng.integers(0, 2))
+        for late in (np.arange(4) + rng.uniform(0.1, 0.9, 4)) * n / 4:  # steps of 0.3 until in time
+            held = late + rng.uniform(1.0, 10.0) + 0.3 * np.arange(n)
+            behind = slice(int(late), int(late) + 40)
+            stamps[behind] = np.maximum(stamps[behind], held[:40])
+        stamps[n // 3 :] += lost
+        clock = Clock.of(stamps / rate)
+        wrong += len(clock.missing) != lost or abs(clock.rate / rate - 1) > 1e-3
+    assert wrong <= 6
+
+
 @pytest.mark.parametrize("value", [1e40, 1e154, -1e300])
 @pytest.mark.parametrize("signal", ["q", "q_ref", "nu", "dq"])
 def test_absurd_values_are_refused(signal, value):

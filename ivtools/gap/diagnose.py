@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ..errors import IVToolsError
+from ..errors import EstimationError, IVToolsError
 from ..loop import ClosedLoop
 from ..loop.rough_inertia import rough_inertia
 from ..physics import Term
@@ -351,7 +351,19 @@ def _measure(record: Record, checked: Parity) -> Measured:
     step = steps(fold, loop, scales)
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
     fit = gauss_newton(fold, loop, values, free, step)
-    level = floor.measure(fit, heard, fold.force_error(loop, fit.values))
+    left = fold.force_error(loop, fit.values)
+    if not np.isfinite(left).all():  # what the model lacks has bent the start
+        values = {**values, "inertia": rough_inertia(loop, record)}
+        fit = gauss_newton(fold, loop, values, free, step)
+        left = fold.force_error(loop, fit.values)
+    if not np.isfinite(left).all():
+        raise EstimationError(
+            f"the loop is unstable when simulated with what {record.name} shows (inertia "
+            f"{values['inertia']:.3g}): check the gains, units and delay of the controller, and "
+            "[drive] gain; a force of the position that the model lacks (spring, gravity) may be "
+            "added to [model] terms"
+        )
+    level = floor.measure(fit, heard, left)
     fold = replace(fold, whitener=level.whitener)
     fit = gauss_newton(fold, loop, fit.values, free, step)
     rough = float(np.mean(level.event_mask))
