@@ -7,6 +7,7 @@ A MATLAB file that nobody vouches for is read in a process of its own (`ivtools.
 from __future__ import annotations
 
 import io
+import re
 import subprocess
 import sys
 import tempfile
@@ -130,12 +131,17 @@ def _joined(
     """
     limits.check_columns(names)
     wanted = _wanted(names, layout)
+    clocks: dict[int, _Stamps] = {}
     kept: dict[int, list[NDArray[np.float64]]] = {i: [] for i in range(len(names))}
     n = 0
     for piece in pieces:
         for i in list(kept):
             column = piece.iloc[:, i]
-            if names[i] in wanted:
+            if n == 0 and _Stamps.holds(column):
+                clocks[i] = _Stamps()
+            if i in clocks:
+                kept[i].append(clocks[i].seconds(names[i], column))
+            elif names[i] in wanted:
                 kept[i].append(_numbers(names[i], column, n))
             elif column.dtype.kind in "biuf":
                 kept[i].append(column.to_numpy(dtype=float))
@@ -151,6 +157,41 @@ def _joined(
         table[names[i]] = parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0)])
         table[names[i]].flags.writeable = False  # a record then needs no copy of its own
     return table
+
+
+class _Stamps:
+    """Times of the day, after a date or not, read as seconds from the first row."""
+
+    _CLOCK = re.compile(r"(?:^|[ T])(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d{1,12})?)")
+    _DAY = 86400.0  # s
+
+    def __init__(self) -> None:
+        self._first: float | None = None
+        self._last = 0.0
+
+    @classmethod
+    def holds(cls, column: pd.Series) -> bool:
+        """Whether a column begins with such a time."""
+        first = column.iloc[0] if len(column) else None
+        return isinstance(first, str) and len(first) < 60 and bool(cls._CLOCK.search(first))
+
+    def seconds(self, name: str, column: pd.Series) -> NDArray[np.float64]:
+        """Return the next rows, s; behind midnight a day more."""
+        parts = column.astype(str).str.extract(self._CLOCK)
+        if parts.isna().to_numpy().any():
+            row = int(np.argmax(parts.isna().any(axis=1).to_numpy()))
+            raise RecordError(
+                f"{shown(name)} holds {shown(str(column.iloc[row]))!r}, which is no time as the "
+                "first row's is; clean the file"
+            )
+        h, m, s = (parts[k].str.replace(",", ".").to_numpy(dtype=float) for k in range(3))
+        t = 3600.0 * h + 60.0 * m + s
+        self._first = float(t[0]) if self._first is None else self._first
+        t = t - self._first
+        steps = np.diff(t, prepend=self._last)
+        t = t + self._DAY * np.cumsum(np.round(-steps / self._DAY))
+        self._last = float(t[-1])
+        return t
 
 
 def _wanted(names: list[str], layout: RecordFormat | None) -> set[str]:

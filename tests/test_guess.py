@@ -4,6 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
+import vendor_logs
 from foreign_logs import STYLES, Log, draw
 
 from ivtools.cli import run
@@ -24,7 +25,7 @@ def faults(log: Log, found: FirstAxis) -> list[str]:
         given = found.roles.columns.get(signal)
         if signal in found.roles.columns and plain_name(given)[0] != plain_name(column)[0]:
             wrong.append(f"{signal} is {column!r} and not {given!r}")
-        unit = parse(found.scales.units.get(signal, "kg"))
+        unit = parse(found.scales.units.get(signal, "s" if signal == "t" else "kg"))
         if (unit.factor, unit.si) != (parse(log.units[signal]).factor, parse(log.units[signal]).si):
             wrong.append(f"{signal} is in {log.units[signal]} and not in {unit.text}")
     if abs(found.record.sampling_hz / log.rate - 1.0) > 1e-3:
@@ -34,12 +35,12 @@ def faults(log: Log, found: FirstAxis) -> list[str]:
     return [*wrong, *(set(found.roles.columns) - set(log.columns))]
 
 
-def score(seeds, styles, folder) -> tuple[int, list[str]]:
+def score(seeds, styles, folder, drawn=draw) -> tuple[int, list[str]]:
     told, right = [], 0
     for seed in seeds:
         rng = np.random.default_rng(seed)
         for style in styles:
-            log = draw(rng, folder, style)
+            log = drawn(rng, folder, style)
             try:
                 wrong = faults(log, first_axis(log.path))
             except IVToolsError as error:
@@ -61,6 +62,21 @@ def test_logs_of_varied_naming(tmp_path):
 def test_the_population(tmp_path):
     right, told = score([201, 202], STYLES, tmp_path)
     assert right >= 0.9 * 2 * len(STYLES), told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.filterwarnings("ignore::ivtools.errors.IVToolsWarning")
+def test_the_logs_of_thirty_makes(tmp_path, seed):
+    right, told = score([seed], vendor_logs.MAKES, tmp_path, vendor_logs.draw)
+    assert right >= 27, told
+
+
+@pytest.mark.filterwarnings("ignore::ivtools.errors.IVToolsWarning")
+def test_stamps_scripts_and_velocity_loops(tmp_path):
+    makes = ["clock", "dates", "russian", "chinese", "kollmorgen", "spindle"]
+    right, told = score([5], makes, tmp_path, vendor_logs.draw)
+    assert right == len(makes), told
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 from ..columns import UNITS, plain_name
@@ -58,6 +59,11 @@ class FirstAxis:
     fit: ControllerFit | None
     params: Mapping[str, float]
     doubts: tuple[str, ...]
+
+    @property
+    def r2(self) -> float:
+        """Share of the command's power that the law explains; 0 without a law."""
+        return 0.0 if self.fit is None else self.fit.r2
 
     def summary(self) -> Text:
         """Return what was found and how sure it is."""
@@ -150,11 +156,15 @@ def first_axis(
         _needed(roles, list(columns))
     except IVToolsError as error:
         raise type(error)(f"{path}: {error}") from error
-    log = said or _format(roles, scales)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IVToolsWarning)
-        record = Record.read(path, log)
-        return _looked(path, record, log, roles, scales)
+        found = _looked(path, said or _format(roles, scales), roles, scales)
+        if found.r2 < _GOOD:  # what leads by its shape alone may be what is led
+            pairs = [p for k in range(len(roles.led)) for p in combinations(roles.led, k + 1)]
+            swapped = [roles.swapped(p) for p in pairs]
+            others = [_looked(path, _format(other, scales), other, scales) for other in swapped]
+            found = max([found, *others], key=lambda f: f.r2)
+        return found
 
 
 def _stated(
@@ -171,10 +181,9 @@ def _stated(
     return roles, Scales(dict(said.units), joint, said.rate, gain=gain, sure=sure)
 
 
-def _looked(
-    path: Path, record: Record, log: RecordFormat, roles: Roles, scales: Scales
-) -> FirstAxis:
+def _looked(path: Path, log: RecordFormat, roles: Roles, scales: Scales) -> FirstAxis:
     """Fit the law and the rough parameters, as far as the record allows."""
+    record = Record.read(path, log)
     loop = ClosedLoop(
         Controller("identify", {}),
         scales.gain or 1.0,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,25 @@ class Roles:
     why : dict of str to str
         How each was found: ``"name"``, ``"name and shape"``, ``"shape"``.
     doubts : list of str
+    led : list of (str, str)
+        Signals of which only the shape says which is the reference: that, and the other.
     """
 
     columns: dict[str, str] = field(default_factory=dict)
     said: dict[str, Said] = field(default_factory=dict)
     why: dict[str, str] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
+    led: list[tuple[str, str]] = field(default_factory=list)
+
+    def swapped(self, pairs: Sequence[tuple[str, str]]) -> Roles:
+        """Return the roles with reference and measured signal exchanged in some pairs."""
+        columns, doubts = dict(self.columns), list(self.doubts)
+        for reference, own in pairs:
+            one, two = columns[own], columns[reference]
+            columns[reference], columns[own] = one, two
+            doubts = [d for d in doubts if d != _leads(two, one)]
+            doubts.append(f"{one!r} is taken for the reference of {two!r}: a law fits them so")
+        return replace(self, columns=columns, doubts=doubts)
 
     def take(self, signal: str, column: str | None, why: str) -> None:
         """Give a column to a signal that has none."""
@@ -89,9 +102,7 @@ def _by_name(roles: Roles, table: Mapping[str, Array]) -> None:
         open_ = [n for n in named if not roles.said[n].side]
         if not actual and not wanted and len(open_) == 2 and _alike(table, *open_):
             first, second = _leader(table, *open_)
-            roles.take(reference, first, "name and shape")
-            roles.take(own, second, "name and shape")
-            roles.doubts.append(f"{first!r} leads {second!r}, so it is taken for the reference")
+            _led(roles, (reference, own), (first, second), "name and shape")
             continue
         roles.take(own, next(iter([*actual, *open_]), None), "name")
         roles.take(reference, next(iter(wanted), None), "name")
@@ -100,6 +111,18 @@ def _by_name(roles: Roles, table: Mapping[str, Array]) -> None:
             roles.doubts.append(
                 f"{own} could also be {', '.join(map(repr, spare[:3]))}; the first is taken"
             )
+
+
+def _led(roles: Roles, signals: tuple[str, str], columns: tuple[str, str], why: str) -> None:
+    """Take a reference and what follows it."""
+    for signal, column in zip(signals, columns, strict=True):
+        roles.take(signal, column, why)
+    roles.led.append(signals)
+    roles.doubts.append(_leads(*columns))
+
+
+def _leads(first: str, second: str) -> str:
+    return f"{first!r} leads {second!r}, so it is taken for the reference"
 
 
 def _by_shape(roles: Roles, table: Mapping[str, Array]) -> None:
@@ -112,8 +135,7 @@ def _by_shape(roles: Roles, table: Mapping[str, Array]) -> None:
             roles.take("q", next((n for n in silent if _alike(table, n, reference)), None), "shape")
         elif pairs:
             first, second = _leader(table, *max(pairs, key=lambda p: _smooth(table, p)))
-            roles.take("q_ref", first, "shape")
-            roles.take("q", second, "shape")
+            _led(roles, ("q_ref", "q"), (first, second), "shape")
     if "q" not in roles.columns:
         return
     q = table[roles.columns["q"]]

@@ -21,30 +21,42 @@ KINDS = {
     "command": ("V", "A", "N", "N m", "%", "counts"),
 }
 #: Parts of words, and whole words behind the bar; the first quantity that is found counts.
-_QUANTITIES = (
-    ("other", "schlepp fehler error deviation ecart abweichung beschleun accel temperat statusw "
+_QUANTITIES: tuple[tuple[str, str], ...] = (
+    ("other", "schlepp fehler error erro deviation ecart abweichung uchyb beschleun accel temperat statusw "
               "controlw followingerr jerk ruck status | err lag diff acc ddq qdd mode state temp "
               "flag enable a"),
-    ("velocity", "geschw drehzahl veloc speed vitesse omega vitess velo | v vel dq qd n w spd qdot "
+    ("velocity", "geschw drehzahl veloc speed vitesse omega vitess velo snelheid predkosc hastighet | v vel dq qd n w spd qdot "
                  "rpm vact vsoll vist"),
-    ("time", "zeit time stamp temps tiempo tempo uhr clock millis sekunde | t ts sec zyklus "
+    ("time", "zeit time stamp temps tiempo tempo uhr clock millis sekunde | tijd czas tid ido t ts sec zyklus "
              "cycle index sample nr idx k"),
-    ("force", "moment torque kraft force couple effort trq coppia | tau mom frc f m tq"),
-    ("current", "strom current courant corrente ampere intensit | i iq cur curr isq"),
+    ("force", "moment torque kraft force couple effort trq coppia koppel | par tau mom frc f m tq"),
+    ("current", "strom current courant corrente corriente ampere intensit | prad stroom strom i iq cur curr isq"),
     ("voltage", "spannung voltage tension pwm duty analogout | u dac volt uq"),
-    ("position", "posit lage winkel angle encoder angolo stellung deplacement angul istweg sollweg "
+    ("position", "posit posic pozic pozyc positie lage winkel vinkel angle encoder angolo stellung deplacement angul istweg sollweg "
                  "rotor | pos q x y phi theta th enc ang alpha weg s z p"),
-    ("command", "stell command ausgang output ctrl control regler commande | nu cmd out mv"),
+    ("command", "stell command ausgang output ctrl control regler commande stuursign beavatkoz | nu cmd out mv"),
 )  # fmt: skip
-_REFERENCE = ("soll setp consigne target desir command demand refer ziel fuehr vorgabe nominal "
-              "riferim wunsch planned ref | set sp des cmd cons dem goal plan r")  # fmt: skip
-_ACTUAL = ("actual istw istl istp istg istd istm istz mesur measur feedback gemess reel "
+_REFERENCE = ("soll setp consign target desir command demand refer ziel fuehr vorgabe nominal "
+              "riferim wunsch planned desead desejad gewenst boerv zadan alapjel ref | set sp des cmd cons dem goal plan r")  # fmt: skip
+_ACTUAL = ("actual istw istl istp istg istd istm istz mesur measur medid feedback gemess reel zmierz "
            "| act ist mes meas fb real")  # fmt: skip
+#: Words in other scripts, and what they mean.
+_SCRIPTS = {
+    "时间": "time", "時間": "time", "время": "time", "位置": "position", "положен": "position",
+    "позици": "position", "угол": "angle", "速度": "speed", "转速": "speed", "скорост": "speed",
+    "оборот": "speed", "转矩": "torque", "力矩": "torque", "扭矩": "torque", "トルク": "torque",
+    "момент": "torque", "усили": "force", "сила": "force", "电流": "current", "電流": "current",
+    "ток": "current", "电压": "voltage", "電圧": "voltage", "напряж": "voltage",
+    "误差": "error", "偏差": "error", "ошибк": "error", "指令": "command", "给定": "set",
+    "设定": "set", "目标": "target", "задан": "target", "уставк": "target", "实际": "actual",
+    "反馈": "actual", "現在": "actual", "факт": "actual", "измер": "actual",
+}  # fmt: skip
 _SUFFIX = {
     "deg_s": "deg/s", "rad_s": "rad/s", "mm_s": "mm/s", "m_s": "m/s", "rad_per_s": "rad/s",
     "deg_per_s": "deg/s", "mm_per_s": "mm/s", "m_per_s": "m/s", "rads": "rad/s", "mms": "mm/s",
     "degs": "deg/s", "pct": "%", "percent": "%",
 }  # fmt: skip
+_VAGUE = ("command", "position", "time")  # of a word that may mean something else
 _NO_SUFFIX = ("in", "u", "g", "h", "tr", "i", "t", "r", "inc1")
 
 
@@ -80,6 +92,8 @@ def read(name: str) -> Said:
     plain, unit = _unit_of(name[:200])
     text, tokens = _tokens(plain)
     quantity = _first(text, {word for word in tokens if len(word) > 1}) or _first("", tokens)
+    if unit and not _fits(unit, quantity) and quantity in _VAGUE:
+        quantity = _of_unit(unit) or quantity
     unit = unit if _fits(unit, quantity) else ""
     side = "reference" if _holds(_REFERENCE, text, {w for w in tokens if len(w) > 1}) else ""
     if not side:
@@ -109,6 +123,9 @@ def _holds(words: str, text: str, tokens: set[str]) -> bool:
 
 def _tokens(name: str) -> tuple[str, set[str]]:
     """Return a name in plain lower-case letters, and its words."""
+    for foreign, word in _SCRIPTS.items():
+        if foreign in name.lower():
+            name = name.lower().replace(foreign, f" {word} ")
     for letter, plain in (("ä", "ae"), ("ö", "oe"), ("ü", "ue"), ("ß", "ss"), ("Ä", "Ae")):
         name = name.replace(letter, plain)
     plain = unicodedata.normalize("NFKD", name.replace("θ", "theta").replace("φ", "phi"))

@@ -126,7 +126,12 @@ def _jacobian(law: Law, controller: Controller, names: tuple[str, ...], e: Array
         value = values(controller, (name,))[0]
         step = np.zeros(len(names))
         step[i] = _STEP * (abs(value) or _unit(controller, name))
-        columns.append((e - law.resids(moved(controller, names, step))) / step[i])
+        try:
+            changed = law.resids(moved(controller, names, step))
+        except AxisError:  # a filter at the end of its band
+            step = -step
+            changed = law.resids(moved(controller, names, step))
+        columns.append((e - changed) / step[i])
     return np.column_stack(columns) if columns else np.zeros((len(e), 0))
 
 
