@@ -104,6 +104,7 @@ def _check_values(record: Record) -> None:
 
 def _check_time(record: Record) -> None:
     t, step = record.t, np.diff(record.t)
+    _check_breaks(record)
     if step.min() <= 0:
         row = int(np.argmax(step <= 0)) + 1
         what = "goes back" if step[row - 1] < 0 else "stands still"
@@ -112,13 +113,24 @@ def _check_time(record: Record) -> None:
             "keep one run in the order of time"
         )
     if not record.jitter <= MAX_JITTER:
-        row = int(np.argmax(~(np.abs(step - record.dt) <= MAX_JITTER * record.dt))) + 1
+        off = ~(np.abs(step - record.dt) <= MAX_JITTER * record.dt)
+        off[np.array(record.breaks, dtype=int) - 1] = False
+        row = int(np.argmax(off)) + 1
         raise RecordError(
             f"t jitters by {100 * record.jitter:.3g} % of its step, more than 1 %, first at row "
             f"{row} ({COUNTED}); {_jitter_remedy(t)}"
         )
     if not 1.0 / LARGEST < record.dt < LARGEST:
         raise RecordError(f"t has steps of {record.dt:.3g} s, which is not plausible; give s")
+
+
+def _check_breaks(record: Record) -> None:
+    edges = np.diff([0, *record.breaks, record.n_samples])
+    if record.breaks and edges.min() < MIN_SAMPLES:
+        raise RecordError(
+            f"breaks = {record.breaks} leave a stretch of {edges.min()} samples, fewer than "
+            f"{MIN_SAMPLES}; leave it out"
+        )
 
 
 def _jitter_remedy(t: NDArray[np.float64]) -> str:
@@ -130,7 +142,8 @@ def _jitter_remedy(t: NDArray[np.float64]) -> str:
     if len(clock.missing):
         return (
             f"samples are missing {len(clock.missing)} times, first before row "
-            f'{clock.missing[0]}: write [record] gaps = "longest" to use the longest stretch'
+            f'{clock.missing[0]}: write [record] gaps = "longest" to use the longest stretch, or '
+            '"all"'
         )
     if clock.jitter <= LOGGERS:
         return (

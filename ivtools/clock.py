@@ -20,6 +20,7 @@ _AROUND = 12  # stamps on either side that say how late they are; twice a long s
 _EARLY, _FARTHEST = 0.25, 500  # quantile of them that counts, and the most of them
 _AT_ONCE, _RARE = 8, 0.04  # rows over which a step is measured, if gaps are rarer than this
 _LOOK_AT, _MOST = 20_000, 1000  # long steps looked at, and gaps told
+_STRETCH = 200  # rows of the shortest stretch that is used beside others
 _STEADY = 0.45  # of a step; stamps that stay this near to a steady clock are those of a logger
 _SLIP = 0.02  # relative; a nominal rate that is this far from that of the stamps is another rate
 _NICE = (3e-4, 1e-4, 3e-5, 1e-5, 1e-6)  # relative, by digits: how near a simple rate must be
@@ -122,8 +123,8 @@ def _rounded(x: float, digits: int) -> float:
 
 def regular(
     t: Array | None, signals: Signals, rate: float | None, resample: bool, gaps: str
-) -> tuple[Array, Signals, tuple[str, ...]]:
-    """Return time and signals at a steady rate, and what was done.
+) -> tuple[Array, Signals, tuple[int, ...], tuple[str, ...]]:
+    """Return time and signals at a steady rate, rows that begin behind a gap, and what was done.
 
     Parameters
     ----------
@@ -142,17 +143,34 @@ def regular(
     if t is None:
         assert rate is not None  # the caller has looked
         n = len(next(iter(signals.values())))
-        return np.arange(n) / rate, signals, (f"no time was logged: rows are 1/{rate:g} s apart",)
+        told = (f"no time was logged: rows are 1/{rate:g} s apart",)
+        return np.arange(n) / rate, signals, (), told
     if len(t) < 10 or not np.isfinite(t).all() or t[-1] <= t[0] or np.diff(t).min() < 0:
-        return t, signals, ()  # the rules of a record say what is wrong
+        return t, signals, (), ()  # the rules of a record say what is wrong
     clock = Clock.of(t, None if resample else rate)
+    stretches, notes = _stretches(t, clock, gaps)
+    parts = []
+    for rows in stretches:
+        own = {name: x[rows] for name, x in signals.items()}
+        steady, own, told = _steady(t[rows], own, rate, resample)
+        parts.append((steady, own))
+        notes += [note for note in told if note not in notes]
+    if len(parts) == 1:
+        return (*parts[0], (), tuple(notes))
+    breaks = np.cumsum([len(x) for x, _ in parts[:-1]])
+    joined = {name: np.concatenate([own[name] for _, own in parts]) for name in signals}
+    return np.concatenate([x for x, _ in parts]), joined, tuple(breaks.tolist()), tuple(notes)
+
+
+def _steady(
+    t: Array, signals: Signals, rate: float | None, resample: bool
+) -> tuple[Array, Signals, list[str]]:
+    """Return a stretch at a steady rate, and what was done."""
     notes: list[str] = []
-    if len(clock.missing):
-        t, signals, notes = _longest(t, signals, clock, gaps)
     if rate is None or len(t) < 10:
-        return t, signals, tuple(notes)
+        return t, signals, notes
     if resample:
-        return (*_resampled(t, signals, rate), (*notes, f"resampled to {rate:g} Hz, band-limited"))
+        return *_resampled(t, signals, rate), [f"resampled to {rate:g} Hz, band-limited"]
     mean = (len(t) - 1) / (t[-1] - t[0])
     if abs(mean / rate - 1.0) > max(_SLIP, 2.0 / len(t)):
         raise RecordError(
@@ -163,28 +181,30 @@ def regular(
     off = float(np.max(np.abs(steps * rate - 1.0)))
     if off > 1e-6:
         notes.append(f"t jitters by {100 * off:.2g} % around {rate:g} Hz: stamps were replaced")
-    return t[0] + np.arange(len(t)) / rate, signals, tuple(notes)
+    return t[0] + np.arange(len(t)) / rate, signals, notes
 
 
-def _longest(
-    t: Array, signals: Signals, clock: Clock, gaps: str
-) -> tuple[Array, Signals, list[str]]:
-    """Return the longest stretch without missing samples."""
+def _stretches(t: Array, clock: Clock, gaps: str) -> tuple[list[slice], list[str]]:
+    """Return the rows of the stretches without missing samples that are used."""
+    if not len(clock.missing):
+        return [slice(0, len(t))], []
     if gaps == "refuse":
         row = clock.missing[0]
         raise RecordError(
             f"samples are missing {len(clock.missing)} times, first before row {row} (rows of data "
             f"count from 0), where t goes from {t[row - 1]:.9g} to {t[row]:.9g} s; write "
-            '[record] gaps = "longest" to use the longest stretch'
+            '[record] gaps = "longest" to use the longest stretch, or "all"'
         )
     edges = np.concatenate([[0], clock.missing, [len(t)]])
-    k = int(np.argmax(np.diff(edges)))
-    first, stop = int(edges[k]), int(edges[k + 1])
-    note = (
-        f"samples are missing {len(clock.missing)} times: the longest stretch is used, rows "
-        f"{first} to {stop - 1} of {len(t)}"
-    )
-    return t[first:stop], {name: x[first:stop] for name, x in signals.items()}, [note]
+    stretches = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    long = [s for s in stretches if s.stop - s.start >= _STRETCH]
+    told = f"samples are missing {len(clock.missing)} times:"
+    if gaps == "all" and len(long) > 1:
+        rows = sum(s.stop - s.start for s in long)
+        return long, [f"{told} {len(long)} stretches are used, {rows} rows of {len(t)}"]
+    most = max(stretches, key=lambda s: s.stop - s.start)
+    where = f"rows {most.start} to {most.stop - 1} of {len(t)}"
+    return [most], [f"{told} the longest stretch is used, {where}"]
 
 
 def _resampled(t: Array, signals: Signals, rate: float) -> tuple[Array, Signals]:

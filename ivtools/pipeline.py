@@ -6,7 +6,7 @@ signals alike: what is filtered on one side only becomes an error in the regress
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -67,6 +67,9 @@ class Pipeline:
         Set what is trimmed, and what is dropped for its speed, to 0 before the decimation, whose
         filter otherwise spreads it over the rows that stay, and starts from a sample of noise.
         0 = 0 theta holds whatever theta, so nothing else changes.
+    breaks : tuple of int
+        Samples before which others are missing (`Record.breaks`): each stretch between them is
+        filtered, differentiated, trimmed and decimated by itself.
 
     Raises
     ------
@@ -95,6 +98,7 @@ class Pipeline:
     min_speed: float = 0.0
     guard: int = 0
     blank: bool = False
+    breaks: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse settings that make no sense."""
@@ -161,6 +165,27 @@ class Pipeline:
             settings["trim"] = (max(0, round(5.0 * sampling_hz / cutoff_hz) - 1), 0)
         return cls(cutoff_hz, **(settings | overrides))
 
+    def _stretches(self, n: int) -> list[slice]:
+        edges = (0, *self.breaks, n)
+        return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+    @property
+    def _one(self) -> Pipeline:
+        """The pipeline of a stretch."""
+        return replace(self, breaks=())
+
+    def broken(self, breaks: tuple[int, ...]) -> Pipeline:
+        """Return the pipeline of a record with these breaks."""
+        return self if breaks == self.breaks else replace(self, breaks=breaks)
+
+    def inside(self, n: int) -> NDArray[np.bool_]:
+        """Return which of n samples are not trimmed, (n,)."""
+        head, tail = self.trim
+        inside = np.zeros(n, dtype=bool)
+        for rows in self._stretches(n):
+            inside[rows.start + head : rows.stop - tail] = True
+        return inside
+
     def differentiate(self, q: Array, dt: float, filtered: bool = True) -> Motion:
         """Low-pass the position and differentiate it twice by central differences.
 
@@ -192,6 +217,9 @@ class Pipeline:
         True
         """
         q = _columns(q)
+        if self.breaks:
+            each = [self._one.differentiate(q[s], dt, filtered) for s in self._stretches(len(q))]
+            return Motion(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
         if filtered and self.cutoff_hz is not None:
             _check_nyquist(self.cutoff_hz, 1.0 / dt)
             q = _forward_backward(
@@ -222,6 +250,8 @@ class Pipeline:
         tau = np.asarray(tau, dtype=float)
         if self.force_shift == 0.0:
             return tau
+        if self.breaks:
+            return np.concatenate([self._one.align(tau[s]) for s in self._stretches(len(tau))])
         _require(
             abs(self.force_shift) < len(tau),
             "force_shift",
@@ -260,15 +290,13 @@ class Pipeline:
         >>> Pipeline(None, 10, trim=(49, 0)).samples(100)
         array([49, 59, 69, 79, 89, 99])
         """
-        head, tail = self.trim
-        left = n - head - tail
+        kept = np.concatenate([self._thinned(rows) for rows in self._stretches(n)])
         _require(
-            left > 0,
+            len(kept) > 0,
             "trim",
             self.trim,
             f"leaves nothing of {n} samples; trim less or take a longer record",
         )
-        kept = np.arange(head + (left - 1) % self.decimation, n - tail, self.decimation)
         if self.min_speed == 0.0:
             return kept
         moving = self.moving(n, speed)[kept]
@@ -279,6 +307,12 @@ class Pipeline:
             "masks every row; lower it, or shorten the guard",
         )
         return kept[moving]
+
+    def _thinned(self, rows: slice) -> NDArray[np.intp]:
+        """Return the samples of a stretch that are neither trimmed nor thinned out."""
+        first, stop = rows.start + self.trim[0], rows.stop - self.trim[1]
+        offset = (stop - first - 1) % self.decimation
+        return np.arange(first + offset, max(stop, first), self.decimation)
 
     def rows(self, columns: Array, speed: Array | None = None) -> Array:
         """Trim, decimate and mask columns: one filter call for all of them.
@@ -308,6 +342,8 @@ class Pipeline:
         (200, 4)
         """
         columns = np.asarray(columns, dtype=float)
+        if self.breaks:
+            return self._each(columns, speed)
         samples = self.samples(len(columns), speed)
         if self.decimation == 1:
             return columns[samples]
@@ -322,6 +358,16 @@ class Pipeline:
             smooth = _forward_backward(sos, kept[:, block], pad=3 * DECIMATION_ORDER)
             out[:, block] = smooth[samples - head]
         return out.reshape(-1, *columns.shape[1:])
+
+    def _each(self, columns: Array, speed: Array | None) -> Array:
+        """Return the rows of each stretch, one below the other; some may have none."""
+        found, kept = [], np.zeros(len(columns), dtype=bool)
+        kept[self.samples(len(columns), speed)] = True
+        for rows in self._stretches(len(columns)):
+            if kept[rows].any():
+                part = None if speed is None else speed[rows]
+                found.append(self._one.rows(columns[rows], part))
+        return np.concatenate(found)
 
     def _used(self, n: int, speed: Array | None) -> NDArray[np.bool_]:
         """Return which of n samples are neither trimmed nor masked, (n,)."""
@@ -340,6 +386,11 @@ class Pipeline:
         slow = np.abs(np.asarray(speed, dtype=float).reshape(-1)) < self.min_speed
         if len(slow) != n:
             raise ShapeError(f"speed has {len(slow)} samples and the columns {n}; both must match")
+        return np.concatenate([self._guarded(slow[rows]) for rows in self._stretches(n)])
+
+    def _guarded(self, slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which samples of a stretch have no slow one within the guard."""
+        n = len(slow)
         until = np.concatenate([[0], np.cumsum(slow, dtype=np.int32)])
         k = np.arange(n)
         last = np.minimum(k + self.guard + 1, n)

@@ -63,6 +63,14 @@ class Pipelines:
         """The largest of the joints' delays of the force, in samples: 0 if none is aligned."""
         return max((p.force_shift for p in self.joints), key=abs)
 
+    def broken(self, breaks: tuple[int, ...]) -> Pipelines:
+        """Do as `Pipeline.broken`."""
+        return Pipelines(tuple(p.broken(breaks) for p in self.joints))
+
+    def inside(self, n: int) -> NDArray[np.bool_]:
+        """Do as `Pipeline.inside`; all joints trim alike."""
+        return self.joints[0].inside(n)
+
     def differentiate(self, q: Array, dt: float, filtered: bool = True) -> Motion:
         """Do as `Pipeline.differentiate`, joint by joint, (n, n_joints) each."""
         parts = [p.differentiate(x, dt, filtered) for p, x in zip(self.joints, q.T, strict=True)]

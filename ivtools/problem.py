@@ -82,6 +82,7 @@ class Problem:
         object.__setattr__(self, "loop", self.loop.known(self.record))
         if self.pipeline is None:
             object.__setattr__(self, "pipeline", self.loop.pipeline(self.record))
+        object.__setattr__(self, "pipeline", self.pipeline.broken(self.record.breaks))
 
     def __repr__(self) -> str:
         return f"Problem: {', '.join(self.names)} of {self.loop!r} from {self.record!r}"

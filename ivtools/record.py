@@ -61,6 +61,9 @@ class Record:
     extra : mapping of str to array_like, shape (n,), optional
         Further logged columns by name, in the file's own units: what a control law may also have
         seen (a strain, a load's encoder, a feed-forward).
+    breaks : tuple of int
+        Samples before which others are missing: there a stretch ends and another begins. No filter
+        or difference crosses a break, and a simulation starts anew behind it.
 
     Raises
     ------
@@ -99,6 +102,7 @@ class Record:
     theta_true: Mapping[str, float] | None = None
     notes: tuple[str, ...] = ()
     extra: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    breaks: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         t = _frozen_array("t", self.t)
@@ -110,6 +114,7 @@ class Record:
         for signal in SIGNALS:
             if getattr(self, signal) is not None:
                 _set(self, signal, _frozen_array(signal, getattr(self, signal)))
+        _set(self, "breaks", tuple(int(row) for row in self.breaks))
         further = {str(k): _frozen_array(k, v)[:, 0] for k, v in self.extra.items()}
         _set(self, "extra", further)
         if self.theta_true is not None:
@@ -141,7 +146,10 @@ class Record:
     @cached_property
     def dt(self) -> float:
         """Mean sampling step, s; a rate within 1e-9 of a whole number of hertz is that number."""
-        step = float(self.t[-1] - self.t[0]) / (self.n_samples - 1)
+        lasts = float(self.t[-1] - self.t[0]) - sum(
+            float(self.t[k] - self.t[k - 1]) for k in self.breaks
+        )
+        step = lasts / (self.n_samples - 1 - len(self.breaks))
         rate = round(min(1 / step, 1e12))
         return 1 / rate if rate and abs(rate * step - 1) < 1e-9 else float(f"{step:.9e}")
 
@@ -154,7 +162,31 @@ class Record:
     @cached_property
     def jitter(self) -> float:
         """Largest departure of a step from the mean step, as a fraction of the mean step."""
-        return float(np.max(np.abs(np.diff(self.t) - self.dt)) / self.dt)
+        return float(np.max(np.abs(self.steps - self.dt)) / self.dt)
+
+    @property
+    def steps(self) -> NDArray[np.float64]:
+        """Steps of t, s, without those at breaks."""
+        steps = np.diff(self.t)
+        return np.delete(steps, np.array(self.breaks) - 1) if self.breaks else steps
+
+    @property
+    def stretches(self) -> tuple[slice, ...]:
+        """The samples of each stretch without a break."""
+        edges = (0, *self.breaks, self.n_samples)
+        return tuple(slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
+
+    @cached_property
+    def parts(self) -> tuple[Record, ...]:
+        """The stretches as records; the record itself if it has no break."""
+        return (
+            tuple(self.slice(s.start, s.stop) for s in self.stretches) if self.breaks else (self,)
+        )
+
+    @property
+    def longest(self) -> Record:
+        """The longest stretch."""
+        return max(self.parts, key=lambda part: part.n_samples)
 
     @property
     def signals(self) -> dict[str, NDArray[np.float64]]:
@@ -239,8 +271,9 @@ class Record:
         signals: dict[str, Any] = _in_si(columns_, found, layout)
         further = pick_further(columns_, found, len(np.ravel(signals.get("t", signals["q"]))))
         if not layout.plain:
-            signals, further, done = _on_a_clock(signals, further, layout)
+            signals, further, breaks, done = _on_a_clock(signals, further, layout)
             notes = (*notes, *layout.notes, *done)
+            return cls(**signals, name=name, notes=notes, extra=further, breaks=breaks)
         return cls(**signals, name=name, notes=notes, extra=further)
 
     def to_frame(self) -> pd.DataFrame:
@@ -264,7 +297,9 @@ class Record:
         rows = slice(start, stop)
         parts = {name: values[rows] for name, values in self.signals.items()}
         further = {name: values[rows] for name, values in self.extra.items()}
-        return self.replace(t=self.t[rows], extra=further, **parts)
+        first, last, _ = rows.indices(self.n_samples)
+        breaks = tuple(k - first for k in self.breaks if first < k < last)
+        return self.replace(t=self.t[rows], extra=further, breaks=breaks, **parts)
 
     def joint(self, j: int) -> Record:
         """Return the record of one joint, counted from 0.
@@ -292,9 +327,10 @@ class Record:
         return record(self, joint)
 
     def __repr__(self) -> str:
-        joints = f"{self.n_joints} joint{'s' if self.n_joints > 1 else ''}"
+        joints = f"{self.n_joints} joint{'s' if self.n_joints > 1 else ''}, "
+        joints += f"{len(self.breaks) + 1} stretches, " if self.breaks else ""
         return (
-            f"Record {self.name!r}: {self.n_samples} samples at {self.sampling_hz:g} Hz, {joints}, "
+            f"Record {self.name!r}: {self.n_samples} samples at {self.sampling_hz:g} Hz, {joints}"
             f"signals {', '.join([*self.signals, *self.extra])}"
         )
 
@@ -322,13 +358,13 @@ def _in_si(
 
 def _on_a_clock(
     signals: Mapping[str, Any], further: Mapping[str, Any], layout: RecordFormat
-) -> tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]:
+) -> tuple[dict[str, Any], dict[str, Any], tuple[int, ...], tuple[str, ...]]:
     """Return signals and further columns on the steady clock that the format asks for."""
     arrays = {key: _frozen_array(key, values) for key, values in signals.items()}
     if len({len(x) for x in arrays.values()}) > 1:  # which the record itself says better
-        return dict(signals), dict(further), ()
+        return dict(signals), dict(further), (), ()
     stamps = arrays.pop("t", None)
-    t, moved, done = regular(
+    t, moved, breaks, done = regular(
         None if stamps is None else stamps[:, 0],
         {**{(key, ""): x for key, x in arrays.items()}, **{("", k): x for k, x in further.items()}},
         layout.rate,
@@ -336,7 +372,7 @@ def _on_a_clock(
         layout.gaps,
     )
     own = {key: x for (key, other), x in moved.items() if not other}
-    return {"t": t, **own}, {k: x for (_, k), x in moved.items() if k}, done
+    return {"t": t, **own}, {k: x for (_, k), x in moved.items() if k}, breaks, done
 
 
 def _set(record: Record, name: str, value: object) -> None:

@@ -14,7 +14,7 @@ from ivtools.units import parse
 __all__ = ["GAPS", "RecordFormat"]
 
 #: What to do where samples are missing.
-GAPS = ("refuse", "longest")
+GAPS = ("refuse", "longest", "all")
 _FASTEST, _SLOWEST = 1e9, 1e-3  # Hz
 
 
@@ -40,7 +40,8 @@ class RecordFormat:
     resample : bool
         Take the stamps as they are, and resample the signals to `rate`.
     gaps : str
-        ``"refuse"`` a record with missing samples, or use its ``"longest"`` stretch.
+        ``"refuse"`` a record with missing samples, use its ``"longest"`` stretch, or ``"all"`` that
+        are long enough, as one record with breaks.
 
     Raises
     ------

@@ -130,7 +130,7 @@ def _law(
         rows.append(("control law", "none", "the command is taken as it is"))
         return None
     try:
-        parity = check_parity(record, loop.known(record))
+        parity = check_parity(record.longest, loop.known(record))
     except IVToolsError as error:
         advice.append(f"the control law cannot be compared: {error}")
         return None

@@ -7,6 +7,7 @@ import pytest
 
 import ivtools as iv
 from benchmarks import populations
+from ivtools.gap import parity
 from ivtools.loop import Controller
 
 pytestmark = pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
@@ -67,3 +68,14 @@ def test_a_feed_forward_that_nobody_declared_is_said():
     shown = found.parameters["controller-mismatch"]["feedforward.acceleration"]
     assert shown == pytest.approx(0.5 / loop.gain, rel=0.02)
     assert "stribeck" in found.effects
+
+
+@pytest.mark.parametrize("kind", ["p-pi", "pid", "pi-velocity"])
+def test_a_limit_that_nobody_declared_holds_the_integrator_as_well(kind):
+    loop, record = played(kind)
+    limit = 0.6 * float(np.abs(record.nu).max())
+    cut = replace(loop, controller=replace(loop.controller, limit=limit))
+    theta = iv.IDIMLS().fit(record, loop).params
+    sim = cut.simulate(record, theta)
+    shown = parity.check(record.replace(q=sim.q, nu=sim.nu), loop)
+    assert shown.limit == pytest.approx(limit) and shown.trustworthy and not shown.mismatch

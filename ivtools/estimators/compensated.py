@@ -174,9 +174,12 @@ def settled_rows(problem: Problem) -> NDArray[np.intp]:
     head, tail = pipeline.trim
     rings = pipeline.decimation > 1 and not pipeline.blank
     ringing = SETTLING_ROWS * pipeline.decimation if rings else 0
-    first = record.t[head] + (ringing - 0.5) * record.dt
-    last = record.t[-1] - (max(head, tail + ringing) - 0.5) * record.dt
-    kept = np.flatnonzero((problem.t > first) & (problem.t < last))
+    t, settled = problem.t, np.zeros(len(problem.y), dtype=bool)
+    for s in record.stretches:
+        first = record.t[s.start] + (head + ringing - 0.5) * record.dt
+        last = record.t[s.stop - 1] - (max(head, tail + ringing) - 0.5) * record.dt
+        settled |= (t > first) & (t < last)
+    kept = np.flatnonzero(settled)
     if len(kept) <= len(problem.names):
         raise EstimationError(
             f"{len(kept)} rows are left between the ends; take a longer record, or decimate less"

@@ -127,7 +127,14 @@ class SRIVC:
         ------
         RecordError
             If the record lacks a signal.
+        EstimationError
+            If samples are missing in it: a filter runs through all.
         """
+        if problem.record.breaks:
+            raise EstimationError(
+                f"{self.key} takes one stretch without missing samples; give record.longest, or "
+                'read it with [record] gaps = "longest"'
+            )
         start = perf_counter()
         u, y = signal(problem, self.input), signal(problem, self.output)
         level = float(y[0]) if self.offset or self.integrators else 0.0  # which those absorb

@@ -158,13 +158,24 @@ def _followed(task: _Task) -> tuple[_Task, ClosedLoop, list[preflight.Finding]]:
     return task, loop, note
 
 
+def _unbroken(task: _Task) -> tuple[_Task, list[preflight.Finding]]:
+    """Return the task with the longest stretch of each record, and what to say of that."""
+    given = {name: getattr(task, name) for name in ("record", "holdout", "judge")}
+    broken = {name: one for name, one in given.items() if one is not None and one.breaks}
+    text = "{0.name} has {1} stretches: the longest, {0.longest.n_samples} samples, is diagnosed"
+    told = [text.format(one, len(one.parts)) for one in broken.values()]
+    whole = task._replace(**{name: one.longest for name, one in broken.items()})
+    return whole, [preflight.Finding(line, fatal=False) for line in told]
+
+
 def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
     for one in (r for r in (task.record, task.holdout, task.judge) if r is not None):
         preflight.require(one)
     say("controller parity")
+    task, parts = _unbroken(task)
     law = preflight.identified(task.record, task.loop)
     task, loop, note = _followed(task)
-    record, holdout, law = task.record, task.holdout, [*law, *note]
+    record, holdout, law = task.record, task.holdout, [*law, *note, *parts]
     records: tuple[Record, ...] = (record,) if holdout is None else (record, holdout)
     checked = tuple(parity.check(one, loop) for one in records)
     found: list[preflight.Finding] = []

@@ -241,10 +241,12 @@ class Signals:
 def _limit(signals: Signals, controller: Controller) -> tuple[float | None, NDArray[np.bool_]]:
     """Return a limit that nobody declared, and where the command sits at any limit."""
     own = signals.command - signals.added
-    law = signals.law(controller, 0)
     found, at_limit = None, np.abs(own) >= AT_LIMIT * controller.limit
     top = float(np.max(np.abs(own)))
     at_top = np.abs(own) > AT_TOP * top
+    if at_top.sum() >= LIMIT_SAMPLES:  # an integrator that knows of it stands meanwhile
+        signals.limit = min(top, controller.limit)
+    law = signals.law(controller, controller.delay)
     beyond = at_top & (np.abs(law) > CUT * top) & (np.sign(law) == np.sign(own))
     if (
         top < AT_LIMIT * controller.limit

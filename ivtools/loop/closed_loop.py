@@ -18,7 +18,7 @@ from ..record import Record
 from ..record_format import RecordFormat
 from .controllers import Controller
 from .model import Array, Model, Theta
-from .simulation import Simulation
+from .simulation import Simulation, over_stretches
 
 if TYPE_CHECKING:
     import control
@@ -102,7 +102,7 @@ class ClosedLoop(Model):
                 raise AxisError(f"start value {key!r} is not a parameter; parameters: {known}")
             if isnan(self.start[key]):
                 raise AxisError(f"start value {key} is nan; give a number")
-        known_rows = ["rule", *(f.name for f in fields(Pipeline))]
+        known_rows = ["rule", *(f.name for f in fields(Pipeline) if f.name != "breaks")]
         for key in self.rows:
             if key not in known_rows:
                 raise AxisError(f"[pipeline] has no {key!r}; it has {', '.join(known_rows)}")
@@ -355,6 +355,10 @@ class ClosedLoop(Model):
         """
         from .engine import simulate
 
+        if record.breaks:
+            noises = {"position_noise": position_noise, "force_noise": force_noise}
+            options = {"substeps": substeps, "quantum": quantum, "ramp": ramp, "stiction": stiction}
+            return over_stretches(self, record, theta, noises, initial=initial, **options)
         return simulate(
             self.known(record),
             record,

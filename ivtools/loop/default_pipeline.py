@@ -48,9 +48,11 @@ def default_pipeline(loop: ClosedLoop, record: Record, rule: Rule, **settings: A
         )
     hz = float(f"{natural:.0e}")
     if rule == "report":
-        return Pipeline.from_bandwidth(hz, record.sampling_hz, **settings)
+        return Pipeline.from_bandwidth(
+            hz, record.sampling_hz, **{"breaks": record.breaks} | settings
+        )
     # A command held from sample k to k + 1, and late, acts at sample k as the mean of two.
-    aligned = {"force_shift": 0.5 + loop.delay / record.dt, "blank": True}
+    aligned = {"force_shift": 0.5 + loop.delay / record.dt, "blank": True, "breaks": record.breaks}
     pipeline = Pipeline.from_bandwidth(hz, record.sampling_hz, **aligned | settings)
     if "trim" not in settings:
         pipeline = replace(pipeline, trim=2 * pipeline.trim[:1])  # filters extrapolate at both ends
@@ -64,7 +66,7 @@ def motion_hz(record: Record) -> float:
     Without a controller no mode of a loop says how fast an axis moves. What does not stand out of
     the encoder's noise, whose spectrum is flat, does not count.
     """
-    q = record.q[:, 0]
+    q = record.longest.q[:, 0]
     window = np.hanning(len(q))
     power = np.abs(np.fft.rfft((q - q.mean()) * window)) ** 2
     hz = np.fft.rfftfreq(len(q), record.dt)

@@ -49,6 +49,8 @@ def driven_by(command: Array, motion: Motion, record: Record) -> Record:
     """
     q = motion.q
     dq = np.diff(q, axis=0, prepend=2.0 * q[:1] - q[1:2]) / record.dt  # as a controller forms it
+    for k in record.breaks:
+        dq[k] = dq[k + 1]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RecordWarning)  # the record itself has warned
         return record.replace(q=q, q_ref=q, dq_ref=dq, nu=command, added=command, tau=None)
@@ -99,6 +101,6 @@ def observed_velocity(
     pull = Controller("pd", {"kp": unit * rate, "kd": 2.0 * _DAMPING * unit})
     values |= {key: 0.0 for key in values if key.startswith("controller-mismatch.")}
     moved = replace(loop, controller=pull).simulate(driven, values, **options)
-    smoother = Pipeline(_SMOOTHED * pull_hz, 1, order=_SMOOTHING_ORDER)
+    smoother = Pipeline(_SMOOTHED * pull_hz, 1, order=_SMOOTHING_ORDER, breaks=driven.breaks)
     rest = smoother.differentiate(driven.q - moved.q, driven.dt).dq
     return np.where(moved.dq == 0.0, 0.0, moved.dq + rest)  # at standstill, friction holds it

@@ -25,7 +25,7 @@ from ..robot.robot import Robot
 from .closed_loop import ClosedLoop
 from .default_pipeline import SLOW
 from .model import Array, Model, Theta
-from .simulation import Simulation
+from .simulation import Simulation, over_stretches
 
 if TYPE_CHECKING:
     from .closed_loop import Initial
@@ -504,6 +504,10 @@ class RobotLoop(Model):
         """
         from .robot_engine import simulate
 
+        if record.breaks:
+            noises = {"position_noise": position_noise, "force_noise": force_noise}
+            options = {"initial": initial, "substeps": substeps, "quantum": quantum}
+            return over_stretches(self, record, theta, noises, **options)
         return simulate(
             self.known(record),
             record,
@@ -564,9 +568,10 @@ class RobotLoop(Model):
         moved = record.q if record.q_ref is None else record.q_ref
         highest = _FASTEST * record.sampling_hz
         found = []
+        rows = max(record.stretches, key=lambda s: s.stop - s.start)
         for x, axis in zip(moved.T, self.axes, strict=True):
-            band = min(_BAND * band_hz(x, record.dt), highest)
-            speed = np.abs(np.gradient(x, record.dt)).max()
+            band = min(_BAND * band_hz(x[rows], record.dt), highest)
+            speed = np.abs(np.gradient(x[rows], record.dt)).max()
             shift = 0.5 + axis.delay / record.dt
             # the rule's natural frequency is a fifth of its cut-off
             found.append(
@@ -576,11 +581,12 @@ class RobotLoop(Model):
                     force_shift=shift,
                     min_speed=SLOW * float(speed),
                     blank=True,
+                    breaks=record.breaks,
                 )
             )
         decimation = min(p.decimation for p in found)
         trim = max(p.trim[0] for p in found)
-        trim = min(trim, record.n_samples // 10)
+        trim = min(trim, record.longest.n_samples // 10)
         return Pipelines(tuple(replace(p, decimation=decimation, trim=(trim, trim)) for p in found))
 
 

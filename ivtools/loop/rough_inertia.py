@@ -234,9 +234,12 @@ def _regressed(rows: Array) -> Shown:
 def _rows(cutoff_hz: float, loop: ClosedLoop, record: Record) -> Array:
     """Return force, acceleration, the terms' other columns and those over the position, (N, m)."""
     width = record.sampling_hz / cutoff_hz
-    trim, decimation = min(round(width), record.n_samples // 8), max(1, int(0.25 * width))
+    trim = min(round(width), record.longest.n_samples // 8)
+    decimation = max(1, int(0.25 * width))
     shift = 0.5 + loop.delay / record.dt  # a command is held over the sample
-    pipeline = Pipeline(cutoff_hz, decimation, trim=(trim, trim), force_shift=shift)
+    pipeline = Pipeline(
+        cutoff_hz, decimation, trim=(trim, trim), force_shift=shift, breaks=record.breaks
+    )
     motion = pipeline.differentiate(record.q, record.dt)
     terms = [t for t in loop.terms if t.law is not None and t.name not in _RIGID]
     force, t = pipeline.align(loop.force(record)), record.t - record.t[0]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import RecordError, ShapeError
 from ..limits import LARGEST
@@ -16,6 +17,7 @@ from ..record import Record
 
 if TYPE_CHECKING:
     from .closed_loop import ClosedLoop
+    from .model import Theta
     from .robot_loop import RobotLoop
 
 Array = NDArray[np.float64]
@@ -37,6 +39,8 @@ class Simulation:
         Force that belongs to the command, drive gain times nu, N or N m.
     loop : ClosedLoop or RobotLoop
         The loop that was simulated.
+    breaks : tuple of int
+        Samples at which it began anew, as `Record.breaks`.
     """
 
     t: Array
@@ -46,6 +50,7 @@ class Simulation:
     nu: Array
     tau: Array
     loop: ClosedLoop | RobotLoop
+    breaks: tuple[int, ...] = ()
 
     @property
     def motion(self) -> Motion:
@@ -88,9 +93,8 @@ class Simulation:
                 f"the record has {record.n_samples} samples and the simulation {len(self.t)}; "
                 "compare a simulation with the record that drove it"
             )
-        pipeline = pipeline or self.loop.pipeline(record)
-        head, tail = pipeline.trim
-        rows = slice(head, record.n_samples - tail)
+        pipeline = (pipeline or self.loop.pipeline(record)).broken(record.breaks)
+        rows = pipeline.inside(record.n_samples)
         measured = (
             *pipeline.differentiate(record.q, record.dt),
             self.loop.force(record),
@@ -139,6 +143,7 @@ class Simulation:
             added=added,
             name=name,
             theta_true=theta_true,
+            breaks=self.breaks,
         )
 
     def plot(self, record: Record | None = None) -> object:
@@ -147,3 +152,26 @@ class Simulation:
         from ..plots.record import record as drawn
 
         return drawn(self.to_record()) if record is None else simulation(self, record)
+
+
+def over_stretches(
+    loop: ClosedLoop | RobotLoop,
+    record: Record,
+    theta: Theta | None,
+    noises: Mapping[str, ArrayLike | None],
+    initial: Any,
+    **options: Any,
+) -> Simulation:
+    """Simulate each stretch of a record with breaks, all behind the first from its own state.
+
+    Where a stretch diverges, the rest is not simulated and infinite.
+    """
+    known, signals = loop.known(record), np.full((5, *record.q.shape), np.inf)
+    for rows, part in zip(record.stretches, record.parts, strict=True):
+        own = {n: None if x is None else np.asarray(x)[rows] for n, x in noises.items()}
+        made = known.simulate(part, theta, initial=initial, **own, **options)
+        if not made.finite:
+            break
+        signals[:, rows] = made.q, made.dq, made.ddq, made.nu, made.tau
+        initial = "record"
+    return Simulation(record.t, *signals, known, record.breaks)

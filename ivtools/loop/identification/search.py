@@ -35,7 +35,8 @@ _LAGS = (1.0, 3.0, 10.0, 30.0)  # samples, of a derivative's filter
 
 
 def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
-    """Fit the control law of a record; see `ClosedLoop.identify_controller`."""
+    """Fit the control law of a record's longest stretch; see `ClosedLoop.identify_controller`."""
+    record = record.longest
     ways = [False, True] if record.dq is not None else [False]
     if loop.controller.velocity == "logged" and record.dq is not None:
         ways = [True]
