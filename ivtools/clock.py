@@ -143,8 +143,8 @@ def regular(
     if t is None:
         assert rate is not None  # the caller has looked
         n = len(next(iter(signals.values())))
-        told = (f"no time was logged: rows are 1/{rate:g} s apart",)
-        return np.arange(n) / rate, signals, (), told
+        note = f"no time was logged: rows are 1/{rate:g} s apart"
+        return np.arange(n) / rate, signals, (), (note,)
     if len(t) < 10 or not np.isfinite(t).all() or t[-1] <= t[0] or np.diff(t).min() < 0:
         return t, signals, (), ()  # the rules of a record say what is wrong
     clock = Clock.of(t, None if resample else rate)

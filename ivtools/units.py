@@ -58,10 +58,12 @@ _SPELLINGS = {
     "ft": "foot feet",
     "deg": "° degree degrees grad degré degrés degre degres graus grados gradi град",
     "rad": "radian radians рад",
-    "rev": "rot turn turns revs revolution revolutions umdr umdrehung umdrehungen tour tours tr u об",
+    "rev": "rot turn turns revs revolution revolutions umdr umdrehung umdrehungen tour tours tr u "
+    "об",
     "rev/min": "rpm u/min upm 1/min min-1 min^-1 tr/min r/min umdr/min об/мин",
     "rev/s": "rps u/s tr/s r/s",
-    "counts": "count cnt cnts cts pulse 脉冲 inc incr incs increments inkremente ticks tick pulses imp lsb",
+    "counts": "count cnt cnts cts pulse 脉冲 inc incr incs increments inkremente "
+    "ticks tick pulses imp lsb",
     "%": "percent pct prozent %rated",
     "‰": "permille promille",
     "V": "volt volts в",

@@ -472,7 +472,7 @@ def test_equal_terms_with_other_laws_are_other_laws(twin):
     assert not np.array_equal(moved(1.0), moved(30.0))
 
 
-# --- where a record begins -------------------------------------------------------------------------
+# --- where a record begins ----------------------------------------------------------------------
 
 
 def test_a_record_of_a_slow_clock_may_begin_in_motion():

@@ -312,7 +312,7 @@ def draw(rng: np.random.Generator, folder: Path, style: str) -> Written:
     if make.decimal == ",":
         rows = ([c.replace(".", ",") for c in row] for row in rows)
     lines = [make.separator.join(line) for line in (*head, *rows)]
-    above = ["Trace export", "Sampling rate: %g Hz" % rate, "Rated value: %.4g" % rated]
+    above = ["Trace export", f"Sampling rate: {rate:g} Hz", f"Rated value: {rated:.4g}"]
     if rng.random() < 0.5 or "%" in units or make.stamps == "counter":
         lines = above[: 3 if "%" in units else 2] + lines
     path = folder / f"{style.replace(' ', '_')}.csv"

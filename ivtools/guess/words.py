@@ -22,24 +22,40 @@ KINDS = {
 }
 #: Parts of words, and whole words behind the bar; the first quantity that is found counts.
 _QUANTITIES: tuple[tuple[str, str], ...] = (
-    ("other", "schlepp fehler error erro deviation ecart abweichung uchyb beschleun accel temperat statusw "
-              "controlw followingerr jerk ruck status | err lag diff acc ddq qdd mode state temp "
-              "flag enable a"),
-    ("velocity", "geschw drehzahl veloc speed vitesse omega vitess velo snelheid predkosc hastighet | v vel dq qd n w spd qdot "
-                 "rpm vact vsoll vist"),
-    ("time", "zeit time stamp temps tiempo tempo uhr clock millis sekunde | tijd czas tid ido t ts sec zyklus "
-             "cycle index sample nr idx k"),
-    ("force", "moment torque kraft force couple effort trq coppia koppel | par tau mom frc f m tq"),
-    ("current", "strom current courant corrente corriente ampere intensit | prad stroom strom i iq cur curr isq"),
-    ("voltage", "spannung voltage tension pwm duty analogout | u dac volt uq"),
-    ("position", "posit posic pozic pozyc positie lage winkel vinkel angle encoder angolo stellung deplacement angul istweg sollweg "
-                 "rotor | pos q x y phi theta th enc ang alpha weg s z p"),
-    ("command", "stell command ausgang output ctrl control regler commande stuursign beavatkoz | nu cmd out mv"),
+    ("other",
+     "schlepp fehler error erro deviation ecart abweichung uchyb beschleun accel temperat "
+     "statusw controlw followingerr jerk ruck status | err lag diff acc ddq qdd mode state "
+     "temp flag enable a"),
+    ("velocity",
+     "geschw drehzahl veloc speed vitesse omega vitess velo snelheid predkosc hastighet | v "
+     "vel dq qd n w spd qdot rpm vact vsoll vist"),
+    ("time",
+     "zeit time stamp temps tiempo tempo uhr clock millis sekunde | tijd czas tid ido t ts "
+     "sec zyklus cycle index sample nr idx k"),
+    ("force",
+     "moment torque kraft force couple effort trq coppia koppel | par tau mom frc f m tq"),
+    ("current",
+     "strom current courant corrente corriente ampere intensit | prad stroom strom i iq cur "
+     "curr isq"),
+    ("voltage",
+     "spannung voltage tension pwm duty analogout | u dac volt uq"),
+    ("position",
+     "posit posic pozic pozyc positie lage winkel vinkel angle encoder angolo stellung "
+     "deplacement angul istweg sollweg rotor | pos q x y phi theta th enc ang alpha weg s z "
+     "p"),
+    ("command",
+     "stell command ausgang output ctrl control regler commande stuursign beavatkoz | nu "
+     "cmd out mv"),
 )  # fmt: skip
-_REFERENCE = ("soll setp consign target desir command demand refer ziel fuehr vorgabe nominal "
-              "riferim wunsch planned desead desejad gewenst boerv zadan alapjel ref | set sp des cmd cons dem goal plan r")  # fmt: skip
-_ACTUAL = ("actual istw istl istp istg istd istm istz mesur measur medid feedback gemess reel zmierz "
-           "| act ist mes meas fb real")  # fmt: skip
+_REFERENCE = (
+    "soll setp consign target desir command demand refer ziel fuehr vorgabe nominal riferim "
+    "wunsch planned desead desejad gewenst boerv zadan alapjel ref | set sp des cmd cons dem "
+    "goal plan r"
+)
+_ACTUAL = (
+    "actual istw istl istp istg istd istm istz mesur measur medid feedback gemess reel zmierz "
+    "| act ist mes meas fb real"
+)
 #: Words in other scripts, and what they mean.
 _SCRIPTS = {
     "时间": "time", "時間": "time", "время": "time", "位置": "position", "положен": "position",

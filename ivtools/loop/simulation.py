@@ -168,10 +168,13 @@ def over_stretches(
     """
     known, signals = loop.known(record), np.full((5, *record.q.shape), np.inf)
     for rows, part in zip(record.stretches, record.parts, strict=True):
-        own = {n: None if x is None else np.asarray(x)[rows] for n, x in noises.items()}
+        own: dict[str, Any] = {
+            n: None if x is None else np.asarray(x)[rows] for n, x in noises.items()
+        }
         made = known.simulate(part, theta, initial=initial, **own, **options)
         if not made.finite:
             break
         signals[:, rows] = made.q, made.dq, made.ddq, made.nu, made.tau
         initial = "record"
-    return Simulation(record.t, *signals, known, record.breaks)
+    q, dq, ddq, nu, tau = signals
+    return Simulation(record.t, q, dq, ddq, nu, tau, known, record.breaks)
