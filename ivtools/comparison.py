@@ -128,7 +128,7 @@ class Comparison(Displayed):
         lost = not all(fit.converged for fit in self.results)
         return [
             "standard errors in parentheses",
-            *["! has not converged: values where it stopped, without standard errors"][: int(lost)],
+            *["! has not converged: no estimates, and without standard errors"][: int(lost)],
             *self._other_signals(),
             *self.notes,
             *([str(self.recommendation)] if self.recommendation else []),

@@ -18,7 +18,7 @@ from ivtools.errors import EstimationError
 
 Array = NDArray[np.float64]
 
-WITHHELD = "has not converged: the values are where it stopped, and have no standard errors"
+WITHHELD = "has not converged: the values are no estimates, and have no standard errors"
 
 
 class Estimates(Displayed):

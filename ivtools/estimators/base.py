@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ivtools.errors import ConvergenceWarning, EstimationError
+from ivtools.estimators.contradiction import checked
 from ivtools.linalg import CovType
 from ivtools.loop import ClosedLoop, RobotLoop
 from ivtools.record import Record
@@ -70,7 +71,9 @@ class Estimator(ABC):
 
     cov_type: CovType = "hac"
 
-    def fit(self, problem: Problem | Record, loop: ClosedLoop | None = None) -> FitResults:
+    def fit(
+        self, problem: Problem | Record, loop: ClosedLoop | None = None, *, check: bool = True
+    ) -> FitResults:
         """Estimate the parameters of a problem.
 
         Parameters
@@ -79,6 +82,9 @@ class Estimator(ABC):
             Record, closed loop and pipeline; it is not changed.
         loop : ClosedLoop, optional
             With a record in place of a problem: its loop.
+        check : bool
+            Whether a result that instruments contradict (`ivtools.estimators.contradiction`)
+            counts as not converged. A study, which knows the truth, has it off.
 
         Returns
         -------
@@ -115,13 +121,15 @@ class Estimator(ABC):
                 "a signal is out of all proportion"
             ) from error
         if not results.converged:
-            warnings.warn(
-                f"{self.key} has not converged in {results.n_iter} iterations; "
-                "start closer, or allow more",
-                ConvergenceWarning,
-                stacklevel=2,
-            )
+            self._warn(f"in {results.n_iter} iterations; start closer, or allow more")
+        elif check:
+            results = checked(results, problem)
+            if not results.converged:
+                self._warn(f"to what can be true: {results.notes[-1]}")
         return replace(results, runtime=perf_counter() - start)
+
+    def _warn(self, how: str) -> None:
+        warnings.warn(f"{self.key} has not converged {how}", ConvergenceWarning, stacklevel=3)
 
     @abstractmethod
     def estimate(self, problem: Problem) -> FitResults:

@@ -157,7 +157,7 @@ def _tried(method: Estimator, problem: Problem) -> FitResults | None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         try:
-            fit = method.fit(problem)
+            fit = method.fit(problem, check=False)
         except IVToolsError:
             return None
     return fit if np.isfinite(fit.params.reindex(problem.names).to_numpy()).all() else None

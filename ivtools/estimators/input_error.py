@@ -146,4 +146,4 @@ class CLIE(SimulatedError):
 
     key: ClassVar[str] = "clie"
 
-    signal: Signal = "force"
+    signal: Signal | None = "force"

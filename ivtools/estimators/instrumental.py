@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.estimators.base import Estimator
+from ivtools.estimators.contradiction import possible
 from ivtools.estimators.iteration import (
     SMALL_SHARE,
     Start,
@@ -18,7 +19,7 @@ from ivtools.estimators.iteration import (
     starting_values,
 )
 from ivtools.estimators.least_squares import joint_weights
-from ivtools.linalg import Weights, solve_iv
+from ivtools.linalg import Weights, covariance, solve_iv
 from ivtools.loop import ClosedLoop
 from ivtools.results import FitResults
 
@@ -30,6 +31,8 @@ Array = NDArray[np.float64]
 FAR = 0.1  # a step that moves a parameter by more is far from convergence
 STEADY = 1e-2  # a step that moves a parameter by less is near
 HELD = 3e-3  # a step that moves a parameter by less changes no observed direction any more
+AVERAGED = 8  # steps after which one goes half the way: what circles, or repels, then settles
+NEGLIGIBLE = 0.1  # standard errors: a late step that moves no parameter by more is the last
 _HALVINGS = 6
 
 
@@ -56,7 +59,7 @@ class Step(NamedTuple):
     """One step: the system simulated at `at` (p,) and its solution `theta` (p,).
 
     `scaled` says whether the loop had its gain scaled; `change` is the largest relative change of
-    a parameter.
+    a parameter. A `late` step is one of many: there, FAR is no less than a standard error.
     """
 
     at: Array
@@ -65,6 +68,7 @@ class Step(NamedTuple):
     weights: Weights | None
     change: float
     scaled: bool
+    late: bool = False
 
     @property
     def near(self) -> bool:
@@ -87,7 +91,9 @@ class Step(NamedTuple):
         Steps of other weights, or of a loop with its gain scaled, do not compare; nor do small
         ones, as a sample that turns its direction changes the equations.
         """
-        if last is None or last.scaled or self.scaled or self.weights is not last.weights:
+        if last is None or last.scaled or self.scaled or self.late:
+            return False
+        if self.weights is not last.weights:
             return False
         return self.change > STEADY and self.length > last.length
 
@@ -139,7 +145,8 @@ class IDIMIV(Estimator):
     References
     ----------
     A. Janot, P.-O. Vandanjon, M. Gautier, "A generic instrumental variable approach for
-    industrial robot identification", IEEE Trans. Control Syst. Technol. 22(1), 2014.
+    industrial robot identification", IEEE Trans. Control Syst. Technol. 22(1), 2014;
+    M. A. Krasnoselskii, Uspekhi Mat. Nauk 10, 1955; W. R. Mann, Proc. AMS 4, 1953: averaged steps.
 
     Examples
     --------
@@ -173,16 +180,22 @@ class IDIMIV(Estimator):
         return self._results(problem, path)
 
     def _iterate(self, problem: Problem, theta: Array) -> Path:
-        """Iterate from theta (p,) until nothing changes, or no step leads on."""
+        """Iterate from theta (p,) until nothing changes, or no step leads on.
+
+        Where friction holds the axis, the simulated motion jumps with theta, and there may be no
+        fixed point to the last digit: late steps are averaged (Krasnoselskii, Mann), and one that
+        is small beside the standard errors ends the iteration.
+        """
         last, n_iter, tries, converged, failure = None, 0, 0, False, ""
         misfits: list[float] = []
         while not converged and n_iter < self.max_iter:
-            step, tried, failure = self._step(problem, theta, last)
+            late = last is not None and (last.late or n_iter >= AVERAGED)
+            step, tried, failure = self._step(problem, theta, last, late)
             n_iter, tries = n_iter + 1, tries + tried
             if step is None:
                 break
             converged = self._settled(last, step)
-            theta, last = step.theta, step
+            theta, last = 0.5 * (step.at + step.theta) if step.late else step.theta, step
             misfits += [] if step.scaled else [self.misfit(step)]
         return Path(last, n_iter, tries, converged, failure, tuple(misfits))
 
@@ -219,12 +232,12 @@ class IDIMIV(Estimator):
         return {}
 
     def _step(
-        self, problem: Problem, theta: Array, last: Step | None
+        self, problem: Problem, theta: Array, last: Step | None, late: bool
     ) -> tuple[Step | None, int, str]:
         """Step from theta, or from nearer to the last point if that leads nowhere.
 
         The steps of an approach grow shorter (Deuflhard's natural monotonicity test); one that is
-        longer than the last has gone too far.
+        longer than the last has gone too far. Where none is shorter, averaged steps go on.
 
         Returns
         -------
@@ -234,21 +247,23 @@ class IDIMIV(Estimator):
         ----------
         P. Deuflhard, *Newton Methods for Nonlinear Problems*, 2004, section 3.3.
         """
-        far, failure = self.scale_gain and (last is None or not last.near), ""
+        far = self.scale_gain and not late and (last is None or not last.near)
+        step, failure = None, ""
         anchor = None if last is None else last.at
         for tried in range(1, _HALVINGS + 1):
             try:
-                step = self._solve(problem, theta, last, far)
+                step = self._solve(problem, theta, last, far, late)
                 if not step.lengthens(last):
                     return step, tried, ""
-                failure = "the steps grow longer"
             except EstimationError as error:  # unstable, at rest, or without inertia
                 failure = str(error)
             anchor = starting_values(problem, "ls") if anchor is None else anchor
             theta = 0.5 * (theta + anchor)
-        return None, _HALVINGS, failure
+        return step and step._replace(late=True), _HALVINGS, "" if step else failure
 
-    def _solve(self, problem: Problem, theta: Array, last: Step | None, far: bool) -> Step:
+    def _solve(
+        self, problem: Problem, theta: Array, last: Step | None, far: bool, late: bool
+    ) -> Step:
         held = last is not None and last.change <= HELD  # else a sample on the brink may flip on
         system = self.system(problem, theta, far, last.system.X if last and held else None)
         if not (np.isfinite(system.Z).all() and np.isfinite(system.y).all()):
@@ -257,11 +272,14 @@ class IDIMIV(Estimator):
         if last is not None and last.near:
             weights = self.row_weights(system, system.y - system.X @ theta, last)
         new = solve_iv(system.X, system.y, system.Z, weights, problem.names)  # (p,)
+        step = Step(theta, new, system, weights, 0.0, far, late)
         change = relative_change(theta, new, system.X, system.y)
-        return Step(theta, new, system, weights, change, far)
+        return step._replace(change=min(change, FAR * _moved(step)) if late else change)
 
     def _settled(self, last: Step | None, step: Step) -> bool:
         """Whether the parameters and the norm of the residual have stopped to change."""
+        if last is not None and step.late and step.change <= FAR * NEGLIGIBLE:
+            return True
         if last is None or not last.near or step.change > self.tol:
             return False
         old, new = np.linalg.norm(last.resids), np.linalg.norm(step.resids)
@@ -298,6 +316,14 @@ class IDIMIV(Estimator):
         )
 
 
+def _moved(step: Step) -> float:
+    """Return how far a step moves a parameter, at most, in standard errors."""
+    X, _, Z = step.system[:3]
+    variance = np.diag(covariance(X, step.resids, Z, weights=step.weights))  # (p,)
+    moved = np.abs(step.theta - step.at)
+    return float(np.max(np.divide(moved, np.sqrt(variance), where=moved > 0.0, out=0.0 * moved)))
+
+
 def within_bounds(problem: Problem, theta: Array) -> Array:
     """Return theta (p,) with every parameter inside its physical bounds, for a simulation.
 
@@ -310,8 +336,7 @@ def within_bounds(problem: Problem, theta: Array) -> Array:
         inertia = theta[problem.names.index("inertia")] if "inertia" in problem.names else np.nan
         if not inertia > 0.0:
             raise EstimationError(f"inertia is {inertia:.4g}; a simulation needs a positive one")
-    bounds = [problem.loop.parameters[name] for name in problem.names]
-    return np.clip(theta, [b.lower for b in bounds], [b.upper for b in bounds])
+    return possible(problem, theta)
 
 
 def huber(resids: Array, weights: Array | None = None) -> Array:

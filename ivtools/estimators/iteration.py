@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,14 +173,42 @@ def near(way: Way, theta: Array, max_iter: int) -> Point:
     EstimationError
         If the loop cannot be simulated at theta, whatever its gain.
     """
-    names = way.problem.names
+    first, old = theta, None
     try:
         while way.n_iter < max_iter:
-            old, X = theta, way.simulate_scaled(theta)
-            theta = way.solve(X)
+            theta, X = _simulated(way.simulate_scaled, theta, old)
+            old, theta = theta, way.solve(X)
             if relative_change(old, theta, X, way.problem.y) <= FAR:
                 break
-        return way.simulate(theta)
+        return _simulated(way.simulate, theta, old)[1]
     except (AxisError, EstimationError) as error:
+        return _started(way, first, error)
+
+
+def better(way: Way, at: Point, theta: Array) -> Point:
+    """Return the loop simulated at theta (p,) if that fits better than a point, else the point."""
+    try:
+        other = way.simulate(theta)
+    except (AxisError, EstimationError):
+        return at
+    return other if other.error < at.error else at
+
+
+def _started(way: Way, theta: Array, error: Exception) -> Point:
+    """Return the loop simulated where the iteration began, which led nowhere."""
+    try:
+        return way.simulate(theta)
+    except (AxisError, EstimationError):
+        names = way.problem.names
         values = ", ".join(f"{n} {v:.4g}" for n, v in zip(names, theta, strict=True))
         raise EstimationError(f"no simulation to start from at {values}: {error}") from error
+
+
+def _simulated(simulate: Callable[[Array], Any], theta: Array, old: Array | None) -> Any:
+    """Return theta and the loop simulated at it, or nearer to the old theta if it cannot be."""
+    for _ in range(_HALVINGS):
+        try:
+            return theta, simulate(theta)
+        except (AxisError, EstimationError):  # no inertia, or unstable
+            theta = theta if old is None else 0.5 * (theta + old)
+    return theta, simulate(theta)

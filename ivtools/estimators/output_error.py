@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from ivtools.estimators.sensitivities import Signal
 from ivtools.estimators.simulated_error import SimulatedError
 
 if TYPE_CHECKING:
+    from ivtools.loop import ClosedLoop
     from ivtools.problem import Problem
 
 
@@ -21,8 +24,11 @@ class CLOE(SimulatedError):
 
     Parameters
     ----------
-    cov_type, signal, parameters, start, starts, spread, tol, max_iter, n_jobs, step
-        As for `SimulatedError`; the signal is the position or the velocity.
+    signal : {None, "position", "velocity"}
+        Default: the position if the controller holds it, else the velocity. Behind a velocity
+        loop the position integrates all noise.
+    cov_type, parameters, start, starts, spread, tol, max_iter, n_jobs, step
+        As for `SimulatedError`.
 
     References
     ----------
@@ -38,7 +44,12 @@ class CLOE(SimulatedError):
 
     key: ClassVar[str] = "cloe"
 
-    signal: Signal = "position"
+    signal: Signal | None = None
+
+    def signal_of(self, problem: Problem) -> Signal:
+        """Return the signal that is compared: the one that the controller holds."""
+        held = holds_position(problem.loop, problem.record.dt)
+        return self.signal or ("position" if held else "velocity")
 
 
 @dataclass(frozen=True)
@@ -67,13 +78,30 @@ class OLOE(SimulatedError):
 
     key: ClassVar[str] = "oloe"
 
-    signal: Signal = "position"
+    signal: Signal | None = "position"
     starts: int = 3
     spread: float = 0.05
 
     def compared(self, problem: Problem) -> Problem:
         """Return the axis without its controller, starting at rest."""
         return open_loop(problem)
+
+
+def holds_position(loop: ClosedLoop, dt: float) -> bool:
+    """Whether the controller answers a constant error of the position, and not its change alone.
+
+    Examples
+    --------
+    >>> import ivtools as iv
+    >>> from ivtools.loop.controllers import Controller
+    >>> loop = iv.axes.emps()
+    >>> speed = replace(loop, controller=Controller("p-velocity", {"kv": 1.0}))
+    >>> holds_position(loop, 1e-3), holds_position(speed, 1e-3)
+    (True, False)
+    """
+    z = np.exp(1j * np.pi * np.array([1e-6, 1e-5]))  # two frequencies far below any mode
+    slow, fast = np.abs(loop.controller.law(dt).response(z))
+    return bool(slow > 0.5 * fast)
 
 
 def open_loop(problem: Problem) -> Problem:

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from ivtools.errors import AxisError, EstimationError
 from ivtools.estimators.base import Estimator
-from ivtools.estimators.iteration import Start, Way, check_iteration, near, starting_values
+from ivtools.estimators.iteration import (
+    Start,
+    Way,
+    better,
+    check_iteration,
+    near,
+    starting_values,
+)
 from ivtools.estimators.sensitivities import STEP, Signal, SimulatedSignal, scans
 from ivtools.linalg.covariance import effective_rows
 from ivtools.results import FitResults
@@ -23,6 +30,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SHOWN_ROWS = 10  # that a parameter must move, effectively, to be estimated from the motion
+EXACT = 1e-6  # of the signal: an error below this is the arithmetic's, not noise
 _PROMISE = 0.05  # share of the error that one more linear step may promise to remove at a minimum
 _STILL = 1e-4  # or such a step may be as large as this, in sizes of the parameters
 
@@ -92,7 +100,7 @@ class SimulatedError(Estimator):
     SIAM J. Scientific Computing 21(1), 1999: the search, as in scipy.
     """
 
-    signal: Signal = "force"
+    signal: Signal | None = "force"
     parameters: tuple[str, ...] | None = None
     start: Start = "axis"
     starts: int = 2
@@ -123,6 +131,10 @@ class SimulatedError(Estimator):
         """Return the problem whose simulation is compared with the record."""
         return problem
 
+    def signal_of(self, problem: Problem) -> Signal:
+        """Return the signal that is compared."""
+        return self.signal or "force"
+
     def _starting_points(
         self, problem: Problem, free: tuple[str, ...]
     ) -> tuple[list[dict[str, float]], int]:
@@ -139,7 +151,7 @@ class SimulatedError(Estimator):
                 ):  # no loop to approach in, and an open one needs none
                     ranked.append((0.0, loop.values(start)))
                     continue
-                at = near(way, start, self.max_iter)
+                at = better(way, near(way, start, self.max_iter), start)
             except (AxisError, EstimationError) as error:
                 failure = EstimationError(str(error))
                 continue
@@ -170,7 +182,8 @@ class SimulatedError(Estimator):
         """Search from one point."""
         held = {name: v for name, v in values.items() if name not in free}
         threads = self.n_jobs if self.n_jobs > 0 else os.cpu_count() or 1
-        model = SimulatedSignal(problem, free, held, self.signal, threads, self.step)
+        signal = self.signal_of(problem)
+        model = SimulatedSignal(problem, free, held, signal, threads, self.step)
         start = np.clip([values[n] for n in free], *model.bounds)
         if not np.isfinite(model(start)).all():
             raise EstimationError(f"the simulation is unstable at the starting values {values}")
@@ -214,7 +227,8 @@ class SimulatedError(Estimator):
         """Complete the minimum; the sensitivities take the place of X."""
         model = best.model
         linear = best.error + best.J @ best.theta  # (N,), of which best.error is the residual
-        hidden = list(hardly_shown(best)) if self.signal == "position" else []
+        hidden = list(hardly_shown(best)) if model.signal == "position" else []
+        drift = list(drifting(best)) if model.signal != "force" else []
         results = FitResults.from_solution(
             self.key,
             best.theta,
@@ -225,9 +239,14 @@ class SimulatedError(Estimator):
             cov_type=self.cov_type,
             n_iter=best.n_iter,
             n_simulations=spent,
-            converged=best.converged and not hidden,
-            notes=(f"the error is that of the simulated {self.signal}", *hidden, *at_bounds(best)),
-            extras={"signal": self.signal},
+            converged=best.converged and not hidden and not drift,
+            notes=(
+                f"the error is that of the simulated {model.signal}",
+                *hidden,
+                *drift,
+                *at_bounds(best),
+            ),
+            extras={"signal": model.signal},
         )
         return replace(results, y=model.measured, problem=problem)
 
@@ -246,6 +265,42 @@ def hardly_shown(found: Minimum) -> Iterator[str]:
                 f"{name} shows in {rows:.0f} rows at the start only: the controller takes back "
                 "what it does, so estimate it from the force (clie)"
             )
+
+
+def drifting(found: Minimum) -> Iterator[str]:
+    """Yield a remark if the error wanders, so that its rows say next to nothing of its variance.
+
+    What no controller holds integrates the noise: a position behind a velocity loop, the motion of
+    an open one. Regressions on a random walk find what is not there, with small standard errors.
+
+    References
+    ----------
+    C. W. J. Granger, P. Newbold, "Spurious regressions in econometrics", J. Econometrics 2, 1974.
+    """
+    scale = np.linalg.norm(found.model.measured)
+    rows, needed = independent_rows(found.error), SHOWN_ROWS * len(found.theta)
+    if rows < needed and np.linalg.norm(found.error) > EXACT * scale:
+        yield (
+            f"the error drifts: its {len(found.error)} rows count as {rows:.0f}, which is too few "
+            "for standard errors; compare the force (clie)"
+        )
+
+
+def independent_rows(error: Array) -> float:
+    """Return how many independent rows have a mean as sure as that of a series (N,).
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal(4000)
+    >>> independent_rows(noise) > 3000.0, independent_rows(noise.cumsum()) < 40.0
+    (True, True)
+    """
+    n, centred = len(error), error - error.mean()
+    power = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
+    acov = np.fft.irfft(power)[:n]
+    below = np.flatnonzero(acov <= 0.0)
+    last = int(below[0]) if len(below) else n
+    return float(n / (1.0 + 2.0 * np.sum(acov[1:last]) / acov[0])) if acov[0] > 0.0 else float(n)
 
 
 def stationary(J: Array, error: Array, theta: Array, sizes: Array) -> bool:
