@@ -82,6 +82,13 @@ def possible(problem: Problem, theta: Array) -> Array:
     return np.clip(theta, [b.lower for b in bounds], [b.upper for b in bounds])
 
 
+def _on_bound(problem: Problem, theta: Array) -> NDArray[np.bool_]:
+    """Return which parameters (p,) lie on one of their bounds."""
+    bounds = [problem.loop.parameters[name] for name in problem.names]
+    pairs = zip(theta, bounds, strict=True)
+    return np.array([np.isclose(v, [b.lower, b.upper], atol=0.0).any() for v, b in pairs])
+
+
 def _simulable(problem: Problem) -> bool:
     """Whether a loop of one axis can be simulated from a reference that knows no noise."""
     loop = getattr(problem, "loop", None)
@@ -99,11 +106,17 @@ def correction(problem: Problem, theta: Array, other: Array | None = None) -> tu
         instruments in its equations, by default X: they share the rows, and the difference counts.
     """
     X, y, Z = problem.X, problem.y, problem.instruments(theta)
-    rows = influence(X, Z)  # (N, p)
-    moved = rows.T @ (y - X @ theta)  # (p,)
+    whole = theta + influence(X, Z).T @ (y - X @ theta)  # (p,)
+    free = ~(_on_bound(problem, theta) & (possible(problem, whole) != whole))  # (p,)
+    rows = influence(X[:, free], Z[:, free])  # (N, q); what instruments press on a bound stays
+    moved, sure = np.zeros_like(theta), np.full_like(theta, np.inf)
+    moved[free] = rows.T @ (y - X @ theta)
     resids = y - X @ (theta + moved)
     if other is not None and other.ndim == 1:
-        variance = np.diag(covariance(X, resids, Z)) + np.nan_to_num(other) ** 2
+        variance = np.diag(covariance(X[:, free], resids, Z[:, free]))
+        variance = variance + np.nan_to_num(other[free]) ** 2
     else:
-        variance = np.diag(score_covariance((rows - influence(X, other)) * resids[:, None], "hac"))
-    return moved, np.sqrt(variance)
+        own = influence(X[:, free], None if other is None else other[:, free])
+        variance = np.diag(score_covariance((rows - own) * resids[:, np.newaxis], "hac"))
+    sure[free] = np.sqrt(variance)
+    return moved, sure
