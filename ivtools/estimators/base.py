@@ -125,7 +125,7 @@ class Estimator(ABC):
         elif check:
             results = checked(results, problem)
             if not results.converged:
-                self._warn(f"to what can be true: {results.notes[-1]}")
+                self._warn(f"to what can be true: {results.notes[1]}")
         return replace(results, runtime=perf_counter() - start)
 
     def _warn(self, how: str) -> None:

@@ -73,7 +73,7 @@ def checked(results: FitResults, problem: Problem) -> FitResults:
         f"off by them, {abs(moved[j]) / sure[j]:.0f} standard errors of the difference; use "
         "idim-bciv or idim-piv"
     )
-    return replace(results, converged=False, notes=(*results.notes, note))
+    return replace(results, converged=False, notes=(note, *results.notes))
 
 
 def possible(problem: Problem, theta: Array) -> Array:
