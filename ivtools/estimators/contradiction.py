@@ -34,8 +34,8 @@ def checked(results: FitResults, problem: Problem) -> FitResults:
     Of least squares on the measured motion it is the Durbin-Wu-Hausman test of each parameter: the
     difference is known better than either estimate. It counts where the difference is larger than
     three of the standard errors that it makes wrong, or than 15 % of the parameter. Of a method
-    that simulates, 15 % count, and the errors of both estimates: what the model lacks moves the
-    two apart as well.
+    that simulates, the errors of both estimates count; and of one that compares the force, 15 %
+    alone: what the model lacks moves the two apart as well.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def checked(results: FitResults, problem: Problem) -> FitResults:
     moved = possible(problem, theta + moved) - theta
     size = np.abs(theta + moved)
     far = np.abs(moved) > ASTRAY * size
-    if not simulated:
+    if not simulated or results.signal != "force":
         far |= np.abs(moved) > BIASED * std
     denied = np.flatnonzero(far & (np.abs(moved) > SURE * sure))
     if not len(denied):

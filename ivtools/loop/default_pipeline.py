@@ -24,6 +24,7 @@ Rule = Literal["record", "report"]
 SLOWLY = ("stribeck", "regularised-coulomb", "presliding", "sqrt-viscous", "backlash")
 """Effects that show at low speed: a model with one of them keeps every row."""
 
+WIDEST = 0.08  # of the sampling rate: the bandwidth whose cut-off, five times it, is still a filter
 SLOW = 0.02  # of the highest speed: slower is a reversal or a standstill
 CERTAIN = 6.0  # standard deviations of the velocity's noise: faster has a direction
 ABOVE = 10.0  # times the power of the noise: a motion
@@ -46,7 +47,7 @@ def default_pipeline(loop: ClosedLoop, record: Record, rule: Rule, **settings: A
             "the closed loop has no mode of its own; check the controller's gains, or give a "
             "Pipeline"
         )
-    hz = float(f"{natural:.0e}")
+    hz = float(f"{min(natural, WIDEST * record.sampling_hz):.0e}")
     if rule == "report":
         return Pipeline.from_bandwidth(
             hz, record.sampling_hz, **{"breaks": record.breaks} | settings
