@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 SURE = 4.0  # standard errors of the difference: more is no chance
 BIASED = 3.0  # standard errors of the estimate: more, and its interval is wrong
+SLIGHT = 0.01  # of a parameter's value: less may be the error of the rows that instruments leave
 ASTRAY = 0.15  # of a parameter's value: more is another axis
 
 
@@ -62,8 +63,10 @@ def checked(results: FitResults, problem: Problem) -> FitResults:
     moved = possible(problem, theta + moved) - theta
     size = np.abs(theta + moved)
     far = np.abs(moved) > ASTRAY * size
-    if not simulated or results.signal != "force":
+    if not simulated:
         far |= np.abs(moved) > BIASED * std
+    elif results.signal != "force":
+        far |= (np.abs(moved) > BIASED * std) & (np.abs(moved) > SLIGHT * size)
     denied = np.flatnonzero(far & (np.abs(moved) > SURE * sure))
     if not len(denied):
         return results
