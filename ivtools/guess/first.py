@@ -206,7 +206,7 @@ def _looked(path: Path, log: RecordFormat, roles: Roles, scales: Scales) -> Firs
         loop = replace(loop, controller=Controller("none", {}))
         doubts.append(f"no law was fitted: {error}")
     params = _rough(record, loop, doubts)
-    if params.get("inertia", 0.0) > 0.0:
+    if scales.gain and params.get("inertia", 0.0) > 0.0:  # else it changes with the gain
         loop = replace(loop, start={"inertia": float(f"{params['inertia']:.3g}")})
     return FirstAxis(path, record, loop, roles, scales, fit, params, tuple(dict.fromkeys(doubts)))
 
