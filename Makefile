@@ -38,10 +38,10 @@ figure: $(VENV)/.installed
 	$(VENV)/bin/python docs/figure.py
 
 docs: $(VENV)/.installed-dev
-	$(RUN) mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(RUN) mkdocs build --strict --quiet
 
 docs-serve: $(VENV)/.installed-dev
-	$(RUN) mkdocs serve
+	NO_MKDOCS_2_WARNING=1 $(RUN) mkdocs serve
 
 dist: $(VENV)/.installed-dev
 	rm -rf dist
