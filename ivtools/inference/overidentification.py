@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,7 +42,9 @@ def sargan(results: FitResults) -> TestResult:
     if reason := lacks(results, surplus=True):
         return TestResult("Sargan", NULL, reason=reason)
     system = System.of(results)
-    return chi2_result("Sargan", NULL, _sargan(system), _surplus(system))
+    e = system.resids
+    Pe = linalg.projection(system.Z, e[:, np.newaxis])[:, 0]
+    return chi2_result("Sargan", NULL, float(len(e) * (Pe @ Pe) / (e @ e)), _surplus(system))
 
 
 def basmann(results: FitResults) -> TestResult:
@@ -67,12 +70,12 @@ def basmann(results: FitResults) -> TestResult:
 
         results.basmann()
     """
-    if reason := lacks(results, surplus=True):
-        return TestResult("Basmann", NULL, reason=reason)
-    system = System.of(results)
-    n, m = system.Z.shape
-    s = _sargan(system)
-    return chi2_result("Basmann", NULL, s * (n - m) / (n - s), _surplus(system))
+    found = sargan(results)
+    if found.statistic is None:
+        return replace(found, name="Basmann")
+    n, m = System.of(results).Z.shape
+    s = found.statistic
+    return chi2_result("Basmann", NULL, s * (n - m) / (n - s), int(found.df[0]))
 
 
 def hansen(
@@ -151,13 +154,6 @@ def anderson_rubin_overid(results: FitResults) -> TestResult:
     ratio = np.linalg.svd(np.linalg.solve(left.T, explained.T), compute_uv=False)
     statistic = len(columns) * math.log1p(ratio[-1] ** 2)  # kappa = 1 + ratio^2, the smallest
     return chi2_result(name, NULL, statistic, _surplus(system))
-
-
-def _sargan(system: System) -> float:
-    """Return Sargan's statistic."""
-    e = system.resids
-    Pe = linalg.projection(system.Z, e[:, np.newaxis])[:, 0]
-    return float(len(e) * (Pe @ Pe) / (e @ e))
 
 
 def _surplus(system: System) -> int:

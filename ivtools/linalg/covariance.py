@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,18 +67,7 @@ class Covariance(NamedTuple):
     freedom: Array
 
 
-def covariance(
-    X: Array,
-    resids: Array,
-    Z: Array | None = None,
-    cov_type: CovType = "hac",
-    *,
-    weights: Weights | None = None,
-    bandwidth: int | None = None,
-    debiased: bool | None = None,
-    starts: NDArray[np.intp] | None = None,
-    stack: Stack | None = None,
-) -> Array:
+def covariance(*system: Any, **options: Any) -> Array:
     """Return the covariance (p, p) of an estimate; the arguments are `estimate_covariance`'s.
 
     Examples
@@ -88,11 +77,7 @@ def covariance(
     >>> covariance(X, np.array([1.0, -1.0, 1.0, -1.0]), cov_type="classical").round(6)
     array([[0.333333]])
     """
-    found = estimate_covariance(
-        X, resids, Z, cov_type,
-        weights=weights, bandwidth=bandwidth, debiased=debiased, starts=starts, stack=stack,
-    )  # fmt: skip
-    return found.matrix
+    return estimate_covariance(*system, **options).matrix
 
 
 def estimate_covariance(
