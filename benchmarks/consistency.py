@@ -86,6 +86,12 @@ class Experiment:
         moved = self.noise(noise, seed)
         return self.loop.simulate(self.twin, self.theta, initial="rest", quantum=QUANTUM, **moved)
 
+    def record(self, noise: float, seed: int) -> Record:
+        return self._measured(self.simulation(noise, seed))
+
+    def _measured(self, simulation: Simulation) -> Record:
+        return Record(self.twin.t, simulation.q, q_ref=self.twin.q_ref, nu=simulation.nu)
+
     def efficient(self, simulation: Simulation, noise: float, seed: int) -> np.ndarray:
         """Return the error (p,) of the best linear estimate from one-step predictions."""
         columns = known_columns(self.loop, self.theta, simulation)
@@ -96,7 +102,7 @@ class Experiment:
 
     def fits(self, noise: float, seed: int, methods: dict[str, Method]) -> Iterator[dict]:
         simulation = self.simulation(noise, seed)
-        record = Record(self.twin.t, simulation.q, q_ref=self.twin.q_ref, nu=simulation.nu)
+        record = self._measured(simulation)
         errors, bound = self.efficient(simulation, noise, seed), self.bound(noise)
         for (parameter, true), error in zip(self.theta.items(), errors, strict=True):
             yield {

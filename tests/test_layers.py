@@ -30,7 +30,7 @@ ORDER = [
     ("problem",),
     ("estimates", "goodness", "hypothesis", "joint_figures"),
     ("results", "transfer_table"),
-    ("recommendation",),
+    ("comparison_table", "recommendation"),
     ("comparison",),
     ("inference", "estimators"),
     ("simulators",),

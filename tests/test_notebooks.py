@@ -1,4 +1,7 @@
-"""Every notebook runs from top to bottom and reads like a text."""
+"""Every notebook runs from top to bottom and reads like a text.
+
+The quick suite runs one of them, `make slow` the others.
+"""
 
 from pathlib import Path
 
@@ -9,6 +12,7 @@ from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parents[1] / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+QUICK = "03_friction_without_a_model"
 
 
 @pytest.fixture(params=NOTEBOOKS, ids=lambda file: file.stem)
@@ -16,8 +20,14 @@ def notebook(request):
     return nbformat.read(request.param, as_version=4)
 
 
-def test_the_notebook_runs(notebook):
+@pytest.mark.parametrize(
+    "file",
+    [pytest.param(f, marks=[] if f.stem == QUICK else pytest.mark.slow) for f in NOTEBOOKS],
+    ids=lambda file: file.stem,
+)
+def test_the_notebook_runs(file):
     """Records that it needs are named in its metadata; skipped without them."""
+    notebook = nbformat.read(file, as_version=4)
     for name in notebook.metadata.get("ivtools", {}).get("needs", []):
         measured(name)
     resources = {"metadata": {"path": str(FOLDER)}}

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ivtools import linalg
-from ivtools.comparison import compare, labels_of, model_of
+from ivtools.comparison import compare
+from ivtools.comparison_table import labels_of, model_of
 from ivtools.recommendation import recommend
 from ivtools.results import FitResults
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 
-from ivtools.comparison import labels_of
+from ivtools.comparison_table import labels_of
 from ivtools.plots.style import COLOURS, MARKERS, WIDTH_MM, Sheet, look, readable, sheet
 
 if TYPE_CHECKING:

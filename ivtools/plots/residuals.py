@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ivtools.comparison import labels_of
+from ivtools.comparison_table import labels_of
 from ivtools.plots.style import (
     COLOURS,
     WIDTH_MM,
