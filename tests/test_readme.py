@@ -23,7 +23,8 @@ def test_the_python_runs(capsys):
 
 def test_the_two_commands_are_targets():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    targets = re.findall(r"^make (\w+)", BLOCKS[1][1], flags=re.M)
+    first = next(text for language, text in BLOCKS if language == "sh")
+    targets = re.findall(r"^make (\w+)", first, flags=re.M)
     assert targets == ["demo", "test"]
     assert all(re.search(rf"^{target}:", makefile, flags=re.M) for target in targets)
 
