@@ -79,6 +79,7 @@ _NAMES = {
     "MujocoSimulator": "simulators",
     "diagnose": "gap",
     "diagnose_fleet": "gap",
+    "diagnose_robot": "gap",
 }
 
 __all__ = sorted([*_MODULES, *_NAMES])  # noqa: PLE0605

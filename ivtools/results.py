@@ -255,6 +255,8 @@ class FitResults(Estimates, Goodness, WithTests):
 
     def not_identifiable(self, limit: float = 10.0) -> tuple[str, ...]:
         """Return the parameters whose relative deviation exceeds a limit, in %, or is unknown."""
+        if self.converged and self.cov.isna().to_numpy().all():  # withheld of all
+            return ()
         return tuple(self.params.index[~(self.relative_std <= limit)])
 
     def to_dict(self, tests: bool = True) -> dict[str, Any]:

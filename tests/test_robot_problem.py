@@ -135,7 +135,7 @@ def clean_line(summary):
 
 
 def test_methods_of_one_axis_say_so(clean):
-    with pytest.raises(EstimationError, match="idim-piv is for one axis; robots .* idim-iv"):
+    with pytest.raises(EstimationError, match="idim-piv is for one axis; robots .* lmi-iv"):
         iv.IDIMPIV().fit(clean)
 
 
@@ -144,3 +144,48 @@ def test_fewer_columns_than_joints_are_refused(clean):
         iv.Problem(clean.record.joint(0), clean.loop)
     with pytest.raises(ShapeError, match="count from 0"):
         clean.record.joint(6)
+
+
+def test_links_that_can_exist_are_an_estimate_too(noisy):
+    """Least squares of a noisy record makes links that cannot exist; LMI does not."""
+    loop, links = noisy.loop, 60
+    fit = iv.LMIIV().fit(noisy)
+    truth = loop.values()
+    right = diagonal(loop, truth | dict(fit.params), noisy.record)
+    right /= diagonal(loop, truth, noisy.record)
+    assert fit.converged and np.abs(right - 1.0).max() < 0.03
+    phi = loop.consistent(dict(fit.params), noisy.X)
+    assert possible(phi[:links].reshape(-1, 10), 1e-6)
+    moved = noisy.X @ (loop.base.matrix @ phi - fit.params.to_numpy())
+    assert np.linalg.norm(moved) < 1e-3 * np.linalg.norm(noisy.y)
+    assert "links that can exist" in " ".join(fit.notes)
+
+
+def test_weights_of_the_joints_are_iterated(noisy):
+    fit = iv.IDIMWLS().fit(noisy)
+    left = noisy.y - noisy.X @ fit.params.to_numpy()
+    deviation = [left[noisy.row_joints == j].std() for j in range(6)]
+    weights = [fit.weights[noisy.row_joints == j][0] for j in range(6)]
+    np.testing.assert_allclose(np.sqrt(weights) * deviation, 1.0, rtol=1e-2)
+    assert fit.converged and fit.n_iter > 1
+
+
+def test_input_error_withholds_what_it_does_not_know(clean):
+    fit = iv.DIDIM().fit(clean)
+    assert fit.converged and fit.std_errors.isna().all() and not fit.not_identifiable()
+    assert "no standard errors" in str(fit.summary())
+
+
+def test_errors_of_one_instant_hang_together():
+    """Two joints with the same noise: their mean is no better known than one of them."""
+    from ivtools.linalg import Stack, covariance, segment_starts
+
+    rng = np.random.default_rng(0)
+    shared = rng.standard_normal(2000)
+    X, e = np.ones((4000, 1)), np.tile(shared, 2)
+    t, joints = np.tile(np.arange(2000) * 1e-2, 2), np.repeat([0, 1], 2000)
+    starts = segment_starts(t, joints)
+    apart = covariance(X, e, starts=starts)[0, 0]
+    together = covariance(X, e, starts=starts, stack=Stack(joints, t))[0, 0]
+    assert together == pytest.approx(1.0 / 2000, rel=0.15)
+    assert apart == pytest.approx(1.0 / 4000, rel=0.15)

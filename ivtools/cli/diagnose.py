@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -32,6 +32,11 @@ def diagnose(
         ),
     ],
     axis: options.Axis = None,
+    robot: options.Robot = None,
+    joint: Annotated[
+        list[str] | None,
+        typer.Option("--joint", metavar="NAME", help="With --robot: only this joint; repeatable."),
+    ] = None,
     holdout: options.Holdout = None,
     simulated: Annotated[
         str | None,
@@ -75,6 +80,12 @@ def diagnose(
     Status of a fleet: 0 all are diagnosed, 1 some could not be, 2 none could.
     """
     names, several = _expanded(records)
+    if joint and robot is None:
+        raise DataError("--joint belongs to --robot FILE")
+    if robot is not None:
+        if several or axis or simulated or simulated_holdout or judge:
+            raise DataError("--robot takes one record, and --holdout, --joint and --tolerance")
+        return _robot(names[0], robot, holdout, joint, tolerance, data, json, out)
     if not several:
         return _one(
             names[0],
@@ -156,6 +167,34 @@ def _one(
         texts.append(f"report: {write_page(gap.page(), out)}")
     if json is not None:
         write_json(gap.to_dict(), json)
+    show(*texts, json_file=json)
+
+
+def _robot(
+    name: str,
+    robot: Path,
+    holdout: str | None,
+    joints: list[str] | None,
+    tolerance: float,
+    data: Path | None,
+    json: Path | None,
+    out: Path | None,
+) -> None:
+    """Diagnose a robot, joint by joint."""
+    from ivtools.cli.case import load
+    from ivtools.gap import diagnose_robot
+
+    loop: Any
+    measured, loop = load(name, None, data, known=False, robot=robot)
+    other = None if holdout is None else _log(holdout, data, loop)
+    with progress("diagnosing", 2 + loop.n_joints) as advance:
+        gap = diagnose_robot(
+            measured, loop, other, joints=joints, tolerance=tolerance, progress=advance
+        )
+    texts: list[object] = [gap.summary()]
+    if out is not None:
+        texts.append(f"report: {write_page(gap.page(), out)}")
+    write_json(gap.to_dict(), json)
     show(*texts, json_file=json)
 
 

@@ -109,8 +109,8 @@ class Estimator(ABC):
         problem = _problem(problem, loop)
         if not self.robots and isinstance(problem.loop, RobotLoop):
             raise EstimationError(
-                f"{self.key} is for one axis; robots are identified by idim-ls, idim-wls, idim-iv "
-                "and didim"
+                f"{self.key} is for one axis; robots are identified by idim-ls, idim-wls, idim-iv, "
+                "didim, lmi-ls and lmi-iv"
             )
         start = perf_counter()
         try:

@@ -10,7 +10,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ivtools.estimators.base import Estimator
+from ivtools.estimators.least_squares import joint_weights
 from ivtools.estimators.matrix_inequalities import Matrices, solve_lmi
+from ivtools.linalg import norms_of, reweighted, solve_iv
+from ivtools.loop import RobotLoop
 from ivtools.results import FitResults
 
 if TYPE_CHECKING:
@@ -24,8 +27,9 @@ class LMILS(Estimator):
     """Least squares under linear matrix inequalities: the nearest physical parameters.
 
     Every parameter keeps its physical bounds (inertia above 0, frictions not below 0), written as
-    one diagonal matrix inequality; more inequalities, such as the pseudo-inertia of a robot's
-    links, come from `matrices`. Where the unconstrained estimate is physical it is the estimate:
+    one diagonal matrix inequality; more inequalities come from `matrices`. Of a robot every link's
+    pseudo-inertia has to be possible, rows are weighted by joint, and what the record leaves free
+    is pulled towards the robot's own file. Where the free estimate is physical it is the estimate:
     biased by encoder noise as least squares is, and where a bound is active by the bound.
 
     Parameters
@@ -56,12 +60,16 @@ class LMILS(Estimator):
     """
 
     key: ClassVar[str] = "lmi-ls"
+    robots: ClassVar[bool] = True
 
     matrices: Matrices | None = None
     least_inertia: float = 1e-3
 
     def estimate(self, problem: Problem) -> FitResults:
         """Minimise norm(y - X theta) over the physical parameters."""
+        if isinstance(problem.loop, RobotLoop):
+            theta, notes = nearest_links(problem, None)
+            return self._results(problem, theta, (), notes)
         theta, active = self._solve(problem, None)
         return self._results(problem, theta, active)
 
@@ -71,10 +79,15 @@ class LMILS(Estimator):
         return solve_lmi(problem.X, problem.y, Z, lower, upper, self.matrices, problem.names)
 
     def _results(
-        self, problem: Problem, theta: Array, active: tuple[str, ...], **status: Any
+        self,
+        problem: Problem,
+        theta: Array,
+        active: tuple[str, ...],
+        notes: tuple[str, ...] = (),
+        **status: Any,
     ) -> FitResults:
         """Return the results, with a note on every bound that is touched."""
-        notes = tuple(f"{name} is on its physical bound" for name in active)
+        notes = (*notes, *(f"{name} is on its physical bound" for name in active))
         return FitResults.from_solution(
             self.key,
             theta,
@@ -127,18 +140,46 @@ class LMIIV(LMILS):
     def estimate(self, problem: Problem) -> FitResults:
         """Simulate, fill Z (N, p), solve under the inequalities, repeat."""
         lower, upper = bounds(problem, self.least_inertia)
+        links = isinstance(problem.loop, RobotLoop)  # which can be simulated wherever they are
+        notes: tuple[str, ...] = ()
         start = np.array([problem.start[name] for name in problem.names])
         theta = np.clip(start, lower, upper)  # (p,)
         scale = np.linalg.norm(problem.X, axis=0)
         for n_iter in range(1, self.max_iter + 1):  # noqa: B007
-            Z = problem.simulated_rows(theta, scale_gain=True)[0]  # (N, p)
-            new, active = self._solve(problem, Z)
+            Z = problem.simulated_rows(theta, scale_gain=not links)[0]  # (N, p)
+            if links:
+                active: tuple[str, ...] = ()
+                new, notes = nearest_links(problem, Z)
+            else:
+                new, active = self._solve(problem, Z)
             done = np.all(scale * np.abs(new - theta) <= self.tol * np.linalg.norm(scale * new))
             theta = new
             if done:
                 break
         status = {"Z": Z, "n_iter": n_iter, "n_simulations": n_iter, "converged": bool(done)}
-        return self._results(problem, theta, active, **status)
+        return self._results(problem, theta, active, notes, **status)
+
+
+def nearest_links(problem: Problem, Z: Array | None) -> tuple[Array, tuple[str, ...]]:
+    """Return the base parameters (p,) of the possible links that fit best, and what to say.
+
+    With P the projection on Z (on X if it is None), norm(P (y - X theta)) is least at the free
+    estimate, and grows from there as norm(P X (theta - free)): what `RobotLoop.consistent` takes.
+    """
+    X, y = problem.X, problem.y
+    loop: Any = problem.loop
+    weights = joint_weights(y - X @ solve_iv(X, y, names=problem.names), problem.row_joints)
+    free = solve_iv(X, y, Z, weights, problem.names)
+    rows = reweighted(X, weights)  # (N, p)
+    if Z is not None:
+        rows = np.linalg.qr(reweighted(Z, weights) / norms_of(Z))[0].T @ rows  # (p, p)
+    theta = loop.base.matrix @ loop.consistent(dict(zip(problem.names, free, strict=True)), rows)
+    away = 100.0 * float(np.linalg.norm(X @ (theta - free)) / np.linalg.norm(y))
+    said = (
+        f"links that can exist, {away:.2g} % of the force away from the estimate without that; "
+        "what the record leaves free is the robot file's"
+    )
+    return theta, (said,)
 
 
 def bounds(problem: Problem, least_inertia: float = 1e-3) -> tuple[Array, Array]:

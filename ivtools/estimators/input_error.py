@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -20,12 +20,18 @@ from ivtools.estimators.iteration import (
 )
 from ivtools.estimators.sensitivities import Signal
 from ivtools.estimators.simulated_error import SimulatedError
+from ivtools.loop import RobotLoop
 from ivtools.results import FitResults
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
 
 Array = NDArray[np.float64]
+
+NO_INTERVALS = (
+    "no standard errors: didim neglects how the simulated motion depends on the parameters, and of "
+    "a six-joint arm 71 of 100 intervals of 95 % held the truth; idim-iv has intervals"
+)
 
 
 @dataclass(frozen=True)
@@ -99,7 +105,8 @@ class DIDIM(Estimator):
                 if new is None:
                     break
                 at, halved = new, halved or shortened
-        return FitResults.from_solution(
+        notes = ("steps were shortened on the way",) if halved else ()
+        results = FitResults.from_solution(
             self.key,
             theta if converged else at.theta,
             at.X,
@@ -109,8 +116,11 @@ class DIDIM(Estimator):
             n_iter=way.n_iter,
             n_simulations=way.n_simulations,
             converged=converged,
-            notes=("steps were shortened on the way",) if halved else (),
+            notes=notes,
         )
+        if not isinstance(problem.loop, RobotLoop):
+            return results
+        return replace(results, cov=results.cov * np.nan, notes=(*results.notes, NO_INTERVALS))
 
     def _settled(self, problem: Problem, at: Point, theta: Array, rho: float, last: float) -> bool:
         """Whether parameters (p,) and norm of the residual have stopped to change."""

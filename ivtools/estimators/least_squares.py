@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.estimators.base import Estimator
+from ivtools.estimators.iteration import relative_change
 from ivtools.linalg import solve_iv
 from ivtools.results import FitResults
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from ivtools.problem import Problem
 
 Array = NDArray[np.float64]
+
+TOLERANCE = 1e-4  # change of a parameter at which the weights have settled
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class IDIMLS(Estimator):
 
 @dataclass(frozen=True)
 class IDIMWLS(Estimator):
-    """Weighted least squares: each joint by the deviation of its error in a first fit.
+    """Weighted least squares: each joint by the deviation of its error, iterated.
 
     With one joint and no robust weights this is `IDIMLS`.
 
@@ -68,7 +71,7 @@ class IDIMWLS(Estimator):
     robust : {None, "huber"}
         "huber" gives rows with large errors less weight, iterated (IRLS) by statsmodels' RLM.
     max_iter : int
-        Most iterations of the robust weights.
+        Most iterations of the weights.
 
     References
     ----------
@@ -95,12 +98,11 @@ class IDIMWLS(Estimator):
     def estimate(self, problem: Problem) -> FitResults:
         """Solve the system with its rows divided by the deviation of their joint."""
         X, y = problem.X, problem.y
-        weights = joint_weights(y - X @ solve_iv(X, y, names=problem.names), problem.row_joints)
-        n_iter, converged = 1, True
+        theta, weights, n_iter, converged = self._weighted(problem)
         if self.robust:
             factor, n_iter, converged = huber_weights(X, y, weights, self.max_iter)
             weights = weights * factor
-        theta = solve_iv(X, y, weights=weights, names=problem.names)
+            theta = solve_iv(X, y, weights=weights, names=problem.names)
         return FitResults.from_solution(
             self.key,
             theta,
@@ -112,6 +114,17 @@ class IDIMWLS(Estimator):
             n_iter=n_iter,
             converged=converged,
         )
+
+    def _weighted(self, problem: Problem) -> tuple[Array, Array, int, bool]:
+        """Iterate estimate (p,) and weights (N,) of the joints until the estimate stays."""
+        X, y = problem.X, problem.y
+        theta = solve_iv(X, y, names=problem.names)
+        for n_iter in range(1, self.max_iter + 1):  # noqa: B007
+            weights = joint_weights(y - X @ theta, problem.row_joints)
+            old, theta = theta, solve_iv(X, y, weights=weights, names=problem.names)
+            if settled := relative_change(old, theta, X, y) <= TOLERANCE:
+                break
+        return theta, weights, n_iter, settled
 
 
 def joint_weights(resids: Array, joints: NDArray[np.intp]) -> Array:

@@ -8,6 +8,8 @@ fleet = iv.diagnose_fleet(Path("logs").glob("*.csv"), loop, path="fleet")
 from .diagnose import diagnose
 from .diagnosis import Diagnosis
 from .fleet import Entry, Fleet, diagnose_fleet
+from .joints import diagnose_robot
+from .robot_diagnosis import RobotDiagnosis
 from .rules import Rules
 from .verdict import VERDICTS, Ranked
 
@@ -17,7 +19,9 @@ __all__ = [
     "Entry",
     "Fleet",
     "Ranked",
+    "RobotDiagnosis",
     "Rules",
     "diagnose",
     "diagnose_fleet",
+    "diagnose_robot",
 ]

@@ -242,7 +242,8 @@ def _rows(cutoff_hz: float, loop: ClosedLoop, record: Record) -> Array:
     )
     motion = pipeline.differentiate(record.q, record.dt)
     terms = [t for t in loop.terms if t.law is not None and t.name not in _RIGID]
-    force, t = pipeline.align(loop.force(record)), record.t - record.t[0]
+    force = loop.force(record) if record.load is None else loop.force(record) - record.load
+    force, t = pipeline.align(force), record.t - record.t[0]
     columns = loop.with_terms(*_RIGID, *terms).regressor(motion, force, t)
     columns = np.hstack([force, columns, position_columns(motion.q[:, 0], loop.joint)])
     slowest = _SLOW * float(np.sqrt(np.mean(motion.dq**2)))

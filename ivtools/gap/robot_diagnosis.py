@@ -1,0 +1,129 @@
+"""RobotDiagnosis: the answers of a robot's joints, and what they do to the whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ..results import FitResults
+from ..tables import Text, table
+from .diagnosis import Diagnosis
+from .fleet.entry import Entry
+from .fleet.fleet import Fleet
+
+if TYPE_CHECKING:
+    from ..report import Page
+
+
+class Coupled(NamedTuple):
+    """Force errors of the whole robot simulated, rms per joint, N or N m.
+
+    Attributes
+    ----------
+    before, after : mapping of str to float
+        Without and with what was named, both fitted to the record; NaN where it diverges.
+    """
+
+    before: dict[str, float]
+    after: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class RobotDiagnosis:
+    """What a robot's model lacks, joint by joint.
+
+    Parameters
+    ----------
+    name, robot : str
+        Of the record and of the robot.
+    joints : mapping of str to Diagnosis
+    plain, fit : FitResults
+        Of the robot without and with what was named.
+    coupled : Coupled
+        Errors of one simulation of all joints, on the hold-out if there is one.
+    notes : tuple of str
+    """
+
+    name: str
+    robot: str
+    joints: dict[str, Diagnosis]
+    plain: FitResults
+    fit: FitResults
+    coupled: Coupled
+    notes: tuple[str, ...] = ()
+
+    def __getitem__(self, joint: str) -> Diagnosis:
+        return self.joints[joint]
+
+    @property
+    def effects(self) -> dict[str, tuple[str, ...]]:
+        """What is named, by joint; joints without are left out."""
+        return {name: d.effects for name, d in self.joints.items() if d.effects}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of ``ivtools diagnose --robot``."""
+        return {
+            "joints": {name: d.to_dict() for name, d in self.joints.items()},
+            "coupled": {
+                name: {"before": self.coupled.before[name], "after": self.coupled.after[name]}
+                for name in self.coupled.before
+            },
+            "params": {str(k): float(v) for k, v in self.fit.params.items()},
+            "notes": list(self.notes),
+        }
+
+    def summary(self) -> Text:
+        """Return joints, verdicts, effects and errors as a table."""
+        header = ("joint", "verdict", "effects", "before", "after", "coupled", "after")
+        rows = []
+        for name, d in self.joints.items():
+            s = d.shrink
+            own = ("", "") if s is None else (f"{s.before:.3g}", f"{s.after:.3g}")
+            whole = (f"{x[name]:.3g}" for x in self.coupled)
+            rows.append((name, d.verdict, ", ".join(d.effects), *own, *whole))
+        lines = ["force errors, rms: of each joint by itself, and of one simulation of all"]
+        told = [f"{name}: {text}" for name, d in self.joints.items() for text in _told(d)]
+        title = f"Diagnosis of {self.robot} on {self.name}"
+        return table(title, lines, header, rows, [*self.notes, *told], left=3)
+
+    def fleet(self) -> Fleet:
+        """Return the joints as the entries of a fleet."""
+        entries = [Entry(n, content=d.to_dict(), diagnosis=d) for n, d in self.joints.items()]
+        return Fleet(tuple(entries), self.robot)
+
+    def page(self) -> Page:
+        """Return the overview: joints by effects."""
+        from ..plots.fleet import fleet
+        from ..report import Page, Picture
+
+        out = Page(f"Diagnosis of {self.robot}", f"Record {self.name}.")
+        caption = (
+            "Effects by joint, and the force error of each joint by itself, before (grey) and "
+            "after (brown) they are in the model, with its 95 % interval and the floor (green)."
+        )
+        out.add("The joints at a glance", figures=[Picture("joints", fleet(self.fleet()), caption)])
+        out.add("Joints", tables=[self.summary()])
+        for name, diagnosis in self.joints.items():
+            out.add(name, tables=[diagnosis.summary()])
+        return out
+
+    def to_html(self, path: str | Path) -> Path:
+        """Write the overview as one page."""
+        return self.page().write(path)
+
+    def _repr_html_(self) -> str:
+        return self.summary().html
+
+    def __repr__(self) -> str:
+        named = "; ".join(f"{n}: {', '.join(e)}" for n, e in self.effects.items()) or "none"
+        return f"Diagnosis of robot {self.robot} on {self.name}: {named}"
+
+
+def _told(diagnosis: Diagnosis) -> list[str]:
+    """Return how an effect is described, and the first finding."""
+    lines = [
+        f"{e} " + ", ".join(f"{k} {diagnosis.value(e, k)}" for k in diagnosis.parameters.get(e, {}))
+        for e in diagnosis.effects
+    ]
+    return lines + [f.text for f in diagnosis.findings[:1]]

@@ -1,0 +1,69 @@
+"""A robot is diagnosed joint by joint, and what a joint shows of another's effect is not named."""
+
+import json
+
+import numpy as np
+import pytest
+from robots import plan, reference, six_loop, two_axes, two_joints
+
+import ivtools as iv
+from ivtools.cli import run
+from ivtools.errors import AxisError
+from ivtools.gap.joints import alone, identified
+
+
+def measured(loop, seed, noise=2e-5, seconds=12.0):
+    rng = np.random.default_rng(seed)
+    t, q_ref = reference(seconds, n=loop.n_joints, seed=seed)
+    shaken = noise * rng.standard_normal(q_ref.shape)
+    sim = loop.simulate(plan(t, q_ref), initial="rest", position_noise=shaken)
+    return iv.Record(t, q=sim.q, q_ref=q_ref, nu=sim.nu, name=f"seed {seed}")
+
+
+def two_loop():
+    return iv.RobotLoop(two_joints(), two_axes())
+
+
+@pytest.fixture(scope="module")
+def found():
+    loop = two_loop()
+    true = loop.with_effect("elbow", "stribeck", force=0.15, speed=0.1, exponent=2.0)
+    return iv.diagnose_robot(measured(true, 1), loop, measured(true, 2))
+
+
+def test_the_joint_and_its_effect_are_named(found):
+    assert found.effects == {"elbow": ("stribeck",)}
+    assert found["elbow"].parameters["stribeck"]["force"] == pytest.approx(0.15, rel=0.1)
+    assert found.coupled.after["elbow"] < found.coupled.before["elbow"]
+
+
+def test_it_shows_itself(found, tmp_path):
+    text = str(found.summary())
+    assert "elbow" in text and "stribeck" in text and "coupled" in text
+    content = json.loads(json.dumps(found.to_dict()))
+    assert content["joints"]["elbow"]["effects"] == ["stribeck"]
+    assert found.to_html(tmp_path / "r.html").stat().st_size > 10_000
+
+
+def test_the_load_is_what_the_others_ask():
+    """With the true links, a joint by itself follows as it does on the robot."""
+    loop = six_loop()
+    record = measured(loop, 3, noise=0.0, seconds=8.0)
+    fit, _ = identified(record, loop)
+    for j in (0, 2, 5):
+        part = alone(j, record, fit)
+        theta = {name: part.loop.start[name] for name in part.loop.names}
+        sim = part.loop.simulate(part.record, theta)
+        force = part.loop.force(part.record)
+        assert np.sqrt(np.mean((sim.tau - force)[500:] ** 2)) < 0.02 * np.sqrt(np.mean(force**2))
+
+
+def test_an_unknown_joint_is_refused():
+    loop = two_loop()
+    with pytest.raises(AxisError, match="no joint 'wrist'; its joints: shoulder, elbow"):
+        iv.diagnose_robot(measured(loop, 1), loop, joints=["wrist"])
+
+
+def test_joint_belongs_to_robot(capsys):
+    assert run(["diagnose", "twin", "--joint", "elbow"]) == 2
+    assert "--joint belongs to --robot" in capsys.readouterr().err
