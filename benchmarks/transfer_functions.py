@@ -39,7 +39,7 @@ STEP = 1e-5  # relative, of the sensitivities
 EFFICIENT = "(efficient)"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Setting:
     """Records of one system, its truth, and the sensitivities of its noise-free output."""
 
@@ -221,7 +221,7 @@ def page(table: pd.DataFrame, count: int) -> str:
         "- Rao-Garnier: (-6400 s + 1600) / (s^4 + 5 s^3 + 408 s^2 + 416 s + 1600), binary sequence",
         "  of 7161 samples at 100 Hz, 10 dB of noise on its output, white or coloured by",
         "  (1 + 0.5 z^-1) / (1 - 0.85 z^-1); initial conditions estimated, no offset. Once more",
-        "  with its input 37.3 ms late, the delay estimated with the rest.",
+        "  with its input 37.3 ms late, the delay estimated too, on a quarter of the records.",
         "- Axis in closed loop: 95 kg and 200 N s/m under the EMPS controller, 8 s at 1 kHz, noise",
         "  of 10 um before its colour on the measured position, from where it comes into the",
         "  command. `sriv` and `rivbj` are judged by the coefficients in delta.",
@@ -253,11 +253,16 @@ def main() -> None:
     path, warn = BUILD / "transfer_functions.csv", warnings.catch_warnings()
     done = pd.read_csv(path) if path.exists() else pd.DataFrame(columns=COLUMNS)
     have = set(zip(done.setting, done.noise, done.seed, strict=True))
-    settings = rao_garnier(), axis_in_its_loop(False), axis_in_its_loop(True), rao_garnier(0.0373)
+    settings = {
+        rao_garnier(): count,
+        axis_in_its_loop(False): count,
+        axis_in_its_loop(True): count,
+        rao_garnier(0.0373): count // 4,
+    }
     with warn:
         warnings.simplefilter("ignore", ConvergenceWarning)
-        for setting in settings:
-            for colour, seed in ((c, s) for c in COLOURS for s in range(count)):
+        for setting, records in settings.items():
+            for colour, seed in ((c, s) for c in COLOURS for s in range(records)):
                 if (setting.name, colour, seed) in have:
                     continue
                 rows = pd.DataFrame(runs(setting, colour, range(seed, seed + 1)))
