@@ -13,7 +13,7 @@ from ivtools.gap import Diagnosis, diagnose
 from ivtools.pages import add_simulation, force_chart
 from ivtools.plots.chart import inner_limits
 from ivtools.problem import Problem
-from ivtools.report import Page, Picture
+from ivtools.report import Card, Page, Picture
 from ivtools.tables import Text, table
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def page(result: Demo) -> Page:
     from ivtools import plots
 
     record = result.problem.record
-    out = Page("An axis identified: the ivtools demo", LEAD)
+    out = Page("An axis identified: the ivtools demo", LEAD, card(result))
     caption = "Estimates with 95 % intervals, true values dashed."
     estimates = plots.parameters(result.best, truth=record.theta_true)
     out.add(
@@ -159,3 +159,31 @@ def page(result: Demo) -> Page:
     add_simulation(out, result.best[-1])
     out.add("All methods", tables=[result.comparison.summary()])
     return out
+
+
+def card(result: Demo) -> Card:
+    """Return which methods find the truth, and what the diagnosis names."""
+    true = result.problem.record.theta_true or {}
+    missed = {
+        fit.method: [n for n, (low, high) in _intervals(fit) if not low <= true[n] <= high]
+        for fit in result.best
+    }
+    found = [method for method, names in missed.items() if not names]
+    lines = [f"{m} misses {', '.join(names)}" for m, names in missed.items() if names]
+    facts = [("True values within 95 % intervals", ", ".join(found) or "of no method")]
+    facts += [("Others", "; ".join(lines))] * bool(lines)
+    gap = result.diagnosis
+    facts.append(("Named, where the model lacks it", ", ".join(gap.effects) or "nothing"))
+    if gap.shrink is not None:
+        s = gap.shrink
+        facts.append(("Force error, rms", f"{s.before:.3g} {s.unit} → {s.after:.3g} {s.unit}"))
+    verdict = "The true parameters are found." if found else "No method finds all true parameters."
+    advice = ("Your own log: ivtools axis new log.csv, or ivtools app log.csv in the browser.",)
+    return Card(verdict, tuple(facts), advice, "good" if found and gap.effects else "doubt")
+
+
+def _intervals(fit: FitResults) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Yield each parameter with its 95 % interval."""
+    for name, row in fit.conf_int().iterrows():
+        low, high = (float(x) for x in row)
+        yield str(name), (low, high)

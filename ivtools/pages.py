@@ -10,6 +10,7 @@ import numpy as np
 
 from ivtools import plots
 from ivtools.comparison import Comparison
+from ivtools.loop.simulation import LOST
 from ivtools.plots.chart import Chart
 from ivtools.plots.style import readable
 from ivtools.report import Card, Page, Picture
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 VAGUE = 0.2  # a standard error above this share of the value tells little of it
 ILL_CONDITIONED = 200.0
+CLOSE = 5.0  # % of the force; friction that is not in the model leaves more
 FORCE_CAPTION = "Force measured and reconstructed; below, their difference."
 
 
@@ -120,12 +122,28 @@ def comparison_page(comparison: Comparison, holdout: Record | None = None) -> Pa
     functions = comparison.functions
     any_fit: Any = (*comparison.results, *(functions.results if functions else ()))[0]
     first = any_fit.problem
-    out = Page(f"{first.record.name}: methods compared", f"{first.loop.name}, {first.record!r}.")
+    out = Page(
+        f"{first.record.name}: methods compared",
+        f"{first.loop.name}, {first.record!r}.",
+        comparison_card(comparison) if comparison.results else None,
+    )
     if comparison.results:
         _add_estimates(out, comparison, first, holdout)
     if functions is not None:
         _add_functions(out, functions)
     return out
+
+
+def comparison_card(comparison: Comparison) -> Card:
+    """Return which result to take, and why."""
+    chosen, best = comparison.recommendation, comparison.best
+    if chosen is None or best is None:
+        why = () if chosen is None else (("Why", chosen.reason),)
+        return Card("None of these results can be recommended.", why, (), "bad")
+    sizes = ", ".join(f"{name} {_value(best, name)}" for name in best.names)
+    doubts = tuple(_doubts(best))
+    facts = (("Parameters", sizes), ("Why", chosen.reason))
+    return Card(f"Take {chosen.label}.", facts, doubts, "doubt" if doubts else "good")
 
 
 def _add_functions(out: Page, functions: TransferTable) -> None:
@@ -203,8 +221,23 @@ def force_chart(
 def simulation_page(record: Record, simulation: Simulation, table: Text) -> Page:
     """Return the page of one simulation."""
     lead = f"{simulation.loop.name} simulated in closed loop on the reference of {record!r}."
-    out = Page(f"{record.name}: simulation", lead)
+    out = Page(f"{record.name}: simulation", lead, simulation_card(record, simulation))
     caption = "Simulated and measured signals, and the error of the force."
     chart = plots.simulation_chart(simulation, record, caption=caption)
     out.add("Relative errors", tables=[table], figures=[chart])
     return out
+
+
+def simulation_card(record: Record, simulation: Simulation) -> Card:
+    """Return how far a simulation is off, in a sentence."""
+    errors = simulation.relative_error(record)
+    told = {name: f"{error:.2g} %" for name, error in errors.items() if np.isfinite(error)}
+    facts = tuple((f"Off by, {name}", share) for name, share in told.items())
+    if not errors["position"] <= LOST:
+        advice = ("Check the parameters, the gains and the units.",)
+        return Card("The simulated axis does not follow.", facts, advice, "bad")
+    close = errors["force"] <= CLOSE
+    verdict = f"The simulated axis follows; its force is {told.get('force', 'not')} off."
+    if close:
+        return Card(verdict, facts)
+    return Card(verdict, facts, ("ivtools diagnose names what the simulation lacks.",), "doubt")

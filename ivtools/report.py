@@ -29,6 +29,7 @@ _PARTS = {
     "style": ("page.css",),
     "chart_style": ("uplot/uPlot.min.css",),
     "script": ("uplot/uPlot.iife.min.js", "chart.js"),
+    "sorting": ("table.js",),
 }
 
 
@@ -147,6 +148,11 @@ class Page:
         """Whether the page has something to draw."""
         return any(isinstance(f, Chart) for s in self.sections for f in s.figures)
 
+    @property
+    def sortable(self) -> bool:
+        """Whether the page has a table that its reader can sort."""
+        return any('class="sortable"' in t.html for s in self.sections for t in s.tables)
+
     def html(self, script: str = "") -> str:
         """Return the page; it refers to no other file but the script, if one is named."""
         from ivtools import __version__
@@ -261,5 +267,7 @@ class Glossary:
 
 
 def _with_html(text: str) -> Text:
-    """Return a table with an HTML form; plain text is set as it is."""
-    return text if isinstance(text, Text) else Text(text, f"<pre>{escape(text)}</pre>")
+    """Return a table with an HTML form that a keyboard can scroll; plain text is set as it is."""
+    made = text if isinstance(text, Text) else Text(text, f"<pre>{escape(text)}</pre>")
+    reachable = '<div class="ivtools" tabindex="0" role="group" aria-label="Table">'
+    return Text(made, made.html.replace('<div class="ivtools">', reachable, 1))

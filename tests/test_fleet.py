@@ -119,7 +119,7 @@ def test_it_shows_itself(fleet):
     text = fleet.summary()
     assert max(map(len, text.splitlines())) <= 80
     assert "named in 2 of 4" in text and "broken: " in text
-    assert len(fleet.plot().axes) == 2 and "<table>" in fleet._repr_html_()
+    assert len(fleet.plot().axes) == 2 and "<table " in fleet._repr_html_()
     assert [e.name for e in fleet] == [d["name"] for d in fleet.to_dict()] and len(fleet) == 4
 
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from ivtools.record import Record
     from ivtools.tables import Text
 
-LOST = 20.0  # % of the position; a loop that follows stays below 1 %
-
 
 def simulate(
     record: options.Record,
@@ -42,6 +40,7 @@ def simulate(
 ) -> None:
     """Simulate the closed loop and compare it with the record."""
     from ivtools.cli.case import load, load_theta, with_friction
+    from ivtools.loop.simulation import LOST
 
     given = load_theta(theta) if theta is not None else None
     measured, loop = load(record, axis, data, friction, robot=robot)

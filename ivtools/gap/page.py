@@ -25,6 +25,10 @@ _RECORD = (
     "Force measured and simulated before and after, their error, position and velocity; shaded: "
     "what stands out once and does not come again."
 )
+_RECORD_ALONE = (
+    "Force measured and simulated, its error, position and velocity; shaded: what stands out once "
+    "and does not come again."
+)
 _REPLICATES = {True: "yes", False: "no", None: "one side only"}
 
 
@@ -48,13 +52,14 @@ def page(diagnosis: Diagnosis) -> Page:
     out.add("The answer", *_gap(diagnosis), *told, tables=shown)
     if diagnosis.traces is None or diagnosis.shrink is None:
         return out
-    out.add("The record", figures=[figures.over_time(diagnosis, "record", _RECORD)])
+    about = _RECORD if diagnosis.effects else _RECORD_ALONE
+    out.add("The record", figures=[figures.over_time(diagnosis, "record", about)])
     tables = {"where": [], "which": [_ranking(diagnosis)], "how-far": [_signals(diagnosis)]}
     titles = ("Where", "Which effect", "How far")
     beside = [f"{e} shows only once the other effects are in the model." for e in diagnosis.beside]
     for title, (name, draw, caption) in zip(titles, figures.SET, strict=True):
         picture = Picture(name, draw(diagnosis), caption)
-        told = beside if name == "which" else []
+        told = [*beside, *_nothing(diagnosis)] if name == "which" else []
         out.add(title, *told, tables=tables[name], figures=[picture])
     if diagnosis.advice:
         out.add("Remarks and advice", *map(_sentence, diagnosis.advice))
@@ -65,7 +70,8 @@ def _card(diagnosis: Diagnosis) -> Card:
     """Return the answer in short: verdict, effects with their values, errors, what to do next."""
     from ..report import Card
 
-    facts = [("Effects", text) for text in [_effects(diagnosis)] if text]
+    named = _effects(diagnosis) or ("none is named" if diagnosis.shrink is not None else "")
+    facts = [("Effects", named)] * bool(named)
     s = diagnosis.shrink
     if s is not None:
         after = f" → {quantity(s.after, s.unit, 3)}" if diagnosis.effects else ""
@@ -109,6 +115,20 @@ def _gap(diagnosis: Diagnosis) -> list[str]:
         f"{s.interval[1]:.3g}) with the named effects, judged on {judge}"
         f"{'' if s.held_out else ' to'}. The floor is {s.floor:.3g} {s.unit}, so "
         f"{100 * s.closed:.0f} % of what a model can close is closed."
+    ]
+
+
+def _nothing(diagnosis: Diagnosis) -> list[str]:
+    """Return why there is no name, if there is none."""
+    if diagnosis.effects:
+        return []
+    if diagnosis.verdict == "adequate":
+        return ["Nothing is named: what is left is not more than the measurement itself differs."]
+    best = next(iter(diagnosis.ranking), None)
+    most = "" if best is None else f", {best.effect} {100 * best.closed:.0f} %"
+    return [
+        "Nothing is named: no effect that is known closes the gap well enough, alike in both parts "
+        f"of the data. What each closes by itself is listed all the same{most} the most."
     ]
 
 
@@ -156,7 +176,10 @@ def _signals(diagnosis: Diagnosis) -> Text:
     rows = [["force", f"{s.before:.3g} {s.unit}", f"{s.after:.3g} {s.unit}"]]
     for name, (before, after) in s.signals.items():
         rows.append([name, quantity(before, units[name], 3), quantity(after, units[name], 3)])
-    return table("Simulated against measured, rms", [], ["signal", "before", "after"], rows)
+    header = ["signal", "before", "after"]
+    if not diagnosis.effects:
+        rows, header = [row[:2] for row in rows], ["signal", "error"]
+    return table("Simulated against measured, rms", [], header, rows)
 
 
 def _sentence(text: str) -> str:

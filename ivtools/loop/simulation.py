@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+LOST = 20.0  # % of the position; a loop that follows stays below 1 %
+
 
 @dataclass(frozen=True, eq=False)
 class Simulation:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 
 from ivtools.errors import DataError
 from ivtools.plots.style import COLOURS, Sheet, look, sheet
@@ -23,7 +23,7 @@ _LABELS = 60  # records that can have a label each
 _EFFECTS = 12  # columns at most
 _BEFORE, _AFTER = str(COLOURS["error"]), str(COLOURS["model"])
 _FLOOR, _TWIN = "#009e73", "#e69f00"
-_NOTHING, _FAILED = "#f4f4f4", "#ffffff"
+_NOTHING, _FAILED = (0.5, 0.5, 0.5, 0.14), (0.0, 0.0, 0.0, 0.0)  # on light and on dark pages
 
 
 def fleet(result: Fleet) -> Sheet:
@@ -66,11 +66,13 @@ def _twins(entry: Entry) -> set[str]:
 
 def _matrix(axes: Axes, result: Fleet) -> None:
     names = _columns(result) or ["no effect named"]
-    image = np.ones((len(result), len(names), 3))
-    for i, entry in enumerate(result):
-        for j, name in enumerate(names):
-            image[i, j] = _colour(entry, name)
-    axes.imshow(image, aspect="auto", interpolation="nearest")
+    image = np.array([[_colour(entry, name) for name in names] for entry in result])
+    if len(result) <= _LABELS:  # shapes, which take the colours of a dark page
+        axes.set_xlim(-0.5, len(names) - 0.5)
+        for (i, j), colour in zip(np.ndindex(image.shape[:2]), image.reshape(-1, 4), strict=True):
+            axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1.0, 1.0, color=tuple(colour), lw=0.0))
+    else:
+        axes.imshow(image, aspect="auto", interpolation="nearest")
     axes.set_xticks(range(len(names)), names, rotation=35, ha="right", rotation_mode="anchor")
     axes.set_xticks(np.arange(len(names) + 1) - 0.5, minor=True)
     axes.set_yticks(np.arange(len(result) + 1) - 0.5, minor=True)
@@ -92,12 +94,12 @@ def _label(entry: Entry) -> str:
     return name if entry.shrink else f"{name} (not judged)"
 
 
-def _colour(entry: Entry, name: str) -> tuple[float, float, float]:
+def _colour(entry: Entry, name: str) -> tuple[float, float, float, float]:
     if not entry.shrink:
-        return to_rgb(_FAILED)
+        return _FAILED
     if name in entry.effects:
-        return to_rgb(_AFTER)
-    return to_rgb(_TWIN) if name in _twins(entry) else to_rgb(_NOTHING)
+        return to_rgba(_AFTER)
+    return to_rgba(_TWIN) if name in _twins(entry) else _NOTHING
 
 
 def _errors(axes: Axes, result: Fleet) -> None:

@@ -80,7 +80,7 @@ def over_time(diagnosis: Diagnosis, name: str, caption: str) -> Chart:
     record, units = traces.record, units_of(diagnosis.loop.joint)
     quantity = "force" if diagnosis.loop.joint == "prismatic" else "torque"
     before, after = traces.before, traces.after
-    changed = bool(diagnosis.effects) or not np.array_equal(before, after)
+    changed = bool(diagnosis.effects)
     keep = np.where(traces.keep, before, np.nan)
     q, dq = record.q[:, 0], np.gradient(record.q[:, 0], record.dt)
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from ivtools.errors import DataError
 from ivtools.plots.style import COLOURS, legend_above, line, readable
@@ -58,14 +57,18 @@ def _unit(diagnosis: Diagnosis) -> str:
     return "N" if diagnosis.loop.joint == "prismatic" else "N m"
 
 
+def _sides(diagnosis: Diagnosis, before: Any, after: Any) -> list[tuple[Any, str, str]]:
+    """Return what to draw, its colour and label: before and after, or one if nothing is named."""
+    if not diagnosis.effects:
+        return [(before, _AFTER, "simulated")]
+    return [(before, _BEFORE, "before"), (after, _AFTER, "after")]
+
+
 def error_over_time(axes: Axes, diagnosis: Diagnosis) -> None:
     """Draw the force error over time, faint where it does not count."""
     traces = traces_of(diagnosis)
     t, keep = traces.record.t, traces.keep
-    for values, colour, label in (
-        (traces.before, _BEFORE, "before"),
-        (traces.after, _AFTER, "after"),
-    ):
+    for values, colour, label in _sides(diagnosis, traces.before, traces.after):
         line(axes, t, np.where(keep, np.nan, values), color=colour, linewidth=0.5, alpha=_FAINT)
         line(axes, t, np.where(keep, values, np.nan), color=colour, linewidth=0.5, label=label)
     for k, (start, stop) in enumerate(events(diagnosis)):
@@ -87,12 +90,20 @@ def shares_by_region(axes: Axes, diagnosis: Diagnosis) -> None:
     """Draw the share of the energy, before and after, and of the time, by region."""
     shown = [r for r in diagnosis.regions if r.name in _PARTS]
     y = np.arange(len(shown))[::-1]
-    axes.barh(y + 0.27, [100 * r.energy for r in shown], 0.26, color=_BEFORE, label="before")
-    axes.barh(y, [100 * r.after for r in shown], 0.26, color=_AFTER, label="after")
-    axes.barh(y - 0.27, [100 * r.time for r in shown], 0.26, color=_OTHER, label="share of time")
+    both = _sides(diagnosis, [r.energy for r in shown], [r.after for r in shown])
+    for place, (shares, colour, label) in zip((0.27, 0.0), both, strict=False):
+        label = label if diagnosis.effects else "share of the error's energy"
+        axes.barh(y + place, [100 * x for x in shares], 0.26, color=colour, label=label)
+    axes.barh(
+        y - 0.27 * (len(both) - 1),
+        [100 * r.time for r in shown],
+        0.26,
+        color=_OTHER,
+        label="share of time",
+    )
     axes.set_yticks(y, [r.name for r in shown])
     axes.tick_params(axis="y", length=0)
-    axes.set_xlabel("share of the energy before, %")
+    axes.set_xlabel(f"share of the energy{' before' if diagnosis.effects else ''}, %")
     legend_above(axes)
 
 
@@ -127,11 +138,8 @@ def error_in_the_plane(axes: Axes, diagnosis: Diagnosis) -> None:
 def spectrum(axes: Axes, diagnosis: Diagnosis) -> None:
     """Draw the amplitude density of the error before and after, and of the floor."""
     hz, before, after, floor = traces_of(diagnosis).spectra
-    for values, colour, label in (
-        (before, _BEFORE, "before"),
-        (after, _AFTER, "after"),
-        (floor, _FLOOR, "floor"),
-    ):
+    both = _sides(diagnosis, before, after)
+    for values, colour, label in (*both, (floor, _FLOOR, "floor")):
         axes.loglog(hz[1:], values[1:], color=colour, label=label)
     axes.set_xlabel("frequency, Hz")
     axes.set_ylabel(f"force error, {readable(_unit(diagnosis))}/√Hz")
@@ -184,8 +192,8 @@ def _chosen(diagnosis: Diagnosis) -> list[Ranked]:
 def before_and_after(axes: Axes, diagnosis: Diagnosis) -> None:
     """Draw the force error before and after, its interval, and the floor."""
     s = _found(diagnosis)
-    bars = [("before", s.before, _BEFORE), ("after", s.after, _AFTER)]
-    if s.corrected < 0.98 * s.before:
+    bars = [(label, value, c) for value, c, label in _sides(diagnosis, s.before, s.after)]
+    if s.corrected < 0.98 * s.before and diagnosis.effects:
         bars.insert(1, ("controller\nput right", s.corrected, _RIGHT))
     low, high = s.interval
     last = len(bars) - 1
@@ -193,8 +201,9 @@ def before_and_after(axes: Axes, diagnosis: Diagnosis) -> None:
         axes.bar(x, value, 0.6, color=colour)
         top = value if x < last else max(value, high)
         axes.annotate(f"{value:.3g}", (x, top), (0, 2), ha="center", textcoords="offset points")
-    reach = [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]]
-    axes.errorbar([last], [s.after], reach, color="black", capsize=3)
+    if diagnosis.effects:
+        reach = [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]]
+        axes.errorbar([last], [s.after], reach, color="black", capsize=3)
     axes.axhline(s.floor, color=_FLOOR, linestyle="--")
     axes.annotate(
         f"floor {s.floor:.2g}",
@@ -208,7 +217,8 @@ def before_and_after(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.set_xticks(range(len(bars)), [name for name, _, _ in bars])
     axes.grid(False, axis="x")
     axes.set_ylabel(f"force error, {s.unit} rms")
-    axes.set_title(f"{100 * s.closed:.0f} % of the reducible gap closed", loc="left")
+    closed = f"{100 * s.closed:.0f} % of the reducible gap closed"
+    axes.set_title(closed if diagnosis.effects else "nothing is named", loc="left")
 
 
 def _found(diagnosis: Diagnosis) -> Shrink:
@@ -229,14 +239,12 @@ def force(axes: Axes, diagnosis: Diagnosis, rows: slice) -> None:
     """Draw measured and simulated force."""
     traces = traces_of(diagnosis)
     t = traces.record.t[rows]
-    simulated: dict[str, tuple[NDArray[np.float64], str]] = {
-        "before": (traces.measured - traces.before, _BEFORE),
-        "after": (traces.measured - traces.after, _AFTER),
-    }
+    simulated = (traces.measured - error for error in (traces.before, traces.after))
     measured = traces.measured[rows]
     axes.plot(t, measured, color=str(COLOURS["measured"]), linewidth=2.0, label="measured")
-    for name, (values, colour) in simulated.items():
-        axes.plot(t, values[rows], color=colour, linewidth=0.8, label=f"simulated {name}")
+    for values, colour, name in _sides(diagnosis, *simulated):
+        label = f"simulated {name}" if diagnosis.effects else name
+        axes.plot(t, values[rows], color=colour, linewidth=0.8, label=label)
     axes.set_ylabel(f"force, {_unit(diagnosis)}")
     legend_above(axes)
 
@@ -245,6 +253,6 @@ def difference(axes: Axes, diagnosis: Diagnosis, rows: slice) -> None:
     """Draw measured minus simulated force."""
     traces = traces_of(diagnosis)
     t = traces.record.t[rows]
-    axes.plot(t, traces.before[rows], color=_BEFORE, linewidth=0.8)
-    axes.plot(t, traces.after[rows], color=_AFTER, linewidth=0.8)
+    for values, colour, _ in _sides(diagnosis, traces.before, traces.after):
+        axes.plot(t, values[rows], color=colour, linewidth=0.8)
     axes.set_ylabel(f"difference, {_unit(diagnosis)}")

@@ -217,6 +217,15 @@ const ivtoolsCharts = (function () {
   }
   draw.count = 0;
 
+  /* The page is light, or dark, from now on. */
+  function recolour(plot) {
+    plot.redraw(false);
+    plot.root.querySelectorAll(".u-legend .u-series").forEach((row, k) => {
+      const marker = row.querySelector(".u-marker"), stroke = plot.series[k].stroke;
+      if (marker && k) marker.style.borderColor = typeof stroke === "function" ? stroke(plot, k) : stroke;
+    });
+  }
+
   /* Names in the legend switch their signal; with the keyboard as well. */
   function switches(plot) {
     for (const label of [...plot.root.querySelectorAll(".u-legend .u-series th")].slice(1)) {
@@ -257,7 +266,7 @@ const ivtoolsCharts = (function () {
   }
 
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () =>
-    drawn.forEach((chart) => chart.plots.forEach((plot) => plot.redraw(false))));
+    drawn.forEach((chart) => chart.plots.forEach(recolour)));
 
   return {
     draw: (root) => { prune(); root.querySelectorAll("figure.chart").forEach(draw); },

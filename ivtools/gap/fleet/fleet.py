@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from statistics import median
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from ...report import Page
+    from ...report import Card, Page
 
 TABLE, OVERVIEW = "fleet.csv", "index.html"
 _HEADER = ("record", "verdict", "effects", "before", "after", "closed")
@@ -164,8 +165,7 @@ class Fleet:
         """Return the overview; `links` is the folder of the pages, seen from it."""
         from ...report import Page, Picture
 
-        lead = "; ".join(self._lines()[:1])
-        out = Page(self._title, f"{lead[:1].upper()}{lead[1:]}.")
+        out = Page(self._title, "Each record against the same model.", self._card())
         caption = (
             "Effects by record, and the force error on held-out data before (grey) and after "
             "(brown) they are in the model, with its 95 % interval and the floor (green)."
@@ -175,6 +175,27 @@ class Fleet:
         out.add("The fleet at a glance", figures=pictures)
         out.add("Records", tables=[text])
         return out
+
+    def _card(self) -> Card:
+        """Return the fleet in short."""
+        from ...report import Card
+
+        judged = [e.shrink for e in self.entries if e.shrink]
+        lines = (line.partition(": ") for line in _joined(self._lines())[1:6])
+        facts = [(name, text) for name, _, text in lines]
+        if not self.effects():
+            facts.append(("Effects", "none is named in any record"))
+        if judged:
+            before, after = (median(s[key] for s in judged) for key in ("before", "after"))
+            change = f"{before:.3g} {self.unit} → {after:.3g} {self.unit}"
+            facts.append(("Force error, rms, median", change))
+        remarks = [f"{e.name}: {e.error}" for e in self.failed[:4]]
+        if len(self.failed) > 4:
+            remarks.append(f"and {len(self.failed) - 4} more that failed: see the table")
+        counts = Counter(e.verdict for e in self.entries).most_common()
+        told = ", ".join(f"{count} {verdict}" for verdict, count in counts)
+        verdict = f"{len(self)} records: {told}."
+        return Card(verdict, tuple(facts), tuple(remarks), "doubt" if self.failed else "good")
 
     def to_html(self, path: str | Path) -> Path:
         """Write the overview as one page, which links to those of the records."""
@@ -188,12 +209,11 @@ class Fleet:
 
     def _html(self, links: str) -> str:
         """Return the table as HTML, with links to the pages."""
-        head = "".join(f"<p>{escape(line)}</p>" for line in _joined(self._lines())[1:])
         names = (*_HEADER[:3], f"before, {self.unit}", f"after, {self.unit}", "closed", "remark")
-        header = "".join(f'<th style="text-align:left">{escape(n)}</th>' for n in names)
+        header = "".join(f'<th scope="col">{escape(n)}</th>' for n in names)
         body = "".join(f"<tr>{_cells(e, links)}</tr>" for e in self.entries)
         return (
-            f'<div class="ivtools">{head}<table><thead><tr>{header}</tr></thead>'
+            f'<div class="ivtools"><table class="sortable"><thead><tr>{header}</tr></thead>'
             f"<tbody>{body}</tbody></table></div>"
         )
 
@@ -237,9 +257,9 @@ def _cells(entry: Entry, links: str) -> str:
     if entry.page is not None:
         name = f'<a href="{escape(links, quote=True)}/{escape(entry.page.name)}">{name}</a>'
     before, after, closed = _figures(entry)
-    colour = ' style="color:#a03c00"' if entry.verdict == FAILED else ""
-    effects = ", ".join(
-        f'<span style="white-space:nowrap">{escape(e)}</span>' for e in entry.effects
+    colour = ' class="failed"' if entry.verdict == FAILED else ""
+    effects = ", ".join(f'<span class="whole">{escape(e)}</span>' for e in entry.effects) or (
+        "none named" if entry.shrink else ""
     )
     cells = "".join(f"<td>{escape(cell)}</td>" for cell in (before, after, closed, entry.remark))
     return f"<td>{name}</td><td{colour}>{escape(entry.verdict)}</td><td>{effects}</td>{cells}"
