@@ -69,8 +69,9 @@ class Comparison(Displayed):
         parts = [self.functions.summary()] if self.functions is not None else []
         columns = {label: self._column(label) for label in self.frame.columns}
         tables = ComparisonTable(columns, self.results, self.notes, self.recommendation)
+        wide = [*parts, *(tables.blocks(wide=True) if self.results else ())]
         parts += tables.blocks() if self.results else []
-        return Text("\n\n".join(parts), "".join(part.html for part in parts))
+        return Text("\n\n".join(parts), "".join(part.html for part in wide))
 
     def _column(self, label: str) -> dict[tuple[str, str], float]:
         """Return the figures of one result by (group, quantity)."""

@@ -48,15 +48,15 @@ class ComparisonTable:
     remarks: tuple[str, ...]
     recommendation: Recommendation | None
 
-    def blocks(self) -> Iterator[Text]:
+    def blocks(self, wide: bool = False) -> Iterator[Text]:
         """Yield the tables of the parameters: one if all fit beside each other, or one per model.
 
-        A model with many results has several.
+        A model with many results has several, unless there is room for `wide` ones.
         """
         labels = list(self._headers)
         whole = self._packed(labels)
         models = [labels] if len(whole) == 1 else [list(g) for _, g in groupby(labels, self._model)]
-        packed = [(group, self._packed(group)) for group in models]
+        packed = [(group, [group] if wide else self._packed(group)) for group in models]
         for group, blocks in packed:
             for k, block in enumerate(blocks):
                 title = _title(self._model(group[0]), len(models) > 1, k, len(blocks))

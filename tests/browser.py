@@ -154,7 +154,7 @@ def app(folder: Path, *arguments: str) -> Iterator[App]:
         process.wait(20)
 
 
-def at_rest(chrome: Any, seconds: float = 240.0) -> None:
+def at_rest(chrome: Any, seconds: float = 600.0) -> None:
     """Wait until nothing is at work in the app's window."""
     end = time.monotonic() + seconds
     while chrome.execute_script("return document.body.dataset.at") != "rest":

@@ -2,6 +2,7 @@
 
 import json
 import re
+import socket
 import subprocess
 import sys
 import time
@@ -17,6 +18,7 @@ import ivtools as iv
 from ivtools.app import charts
 from ivtools.app.script import script
 from ivtools.app.server import Server
+from ivtools.cli import run
 from ivtools.plots.chart import Chart, Panel, Series
 from ivtools.report import Page
 
@@ -257,3 +259,18 @@ def test_the_script_names_files_as_text():
     made = script(name, holdout='b".csv', methods=["didim"], tolerance=1.0)
     compile(made, "script", "exec")
     assert repr(name) in made and "iv.DIDIM()" in made and "tolerance=1.0" in made
+
+
+def test_without_the_extra_the_command_says_what_to_install(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "starlette.applications", None)
+    monkeypatch.delitem(sys.modules, "ivtools.app.server")
+    assert run(["app"]) == 2
+    assert 'pip install "ivtools[app]"' in capsys.readouterr().err
+
+
+def test_a_port_that_is_taken_is_told(capsys):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        assert run(["app", "--no-window", "--port", str(taken.getsockname()[1])]) == 2
+    assert "cannot be used" in capsys.readouterr().err

@@ -153,8 +153,8 @@ def test_work_is_cancelled(chrome, served):
     assert fault(chrome, "diagnose") == "Cancelled."
 
 
-def test_a_million_samples_are_shown_whole_where_one_looks(chrome, served, tmp_path):
-    n = 1_000_000
+@pytest.mark.parametrize("n", [100_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+def test_a_long_record_is_shown_whole_where_one_looks(chrome, tmp_path, n):
     t = np.arange(n) / 1000.0
     rng = np.random.default_rng(0)
     q = 0.1 * np.sin(2.0 * t) + 0.05 * np.sin(0.3 * t)
@@ -180,7 +180,7 @@ def test_a_million_samples_are_shown_whole_where_one_looks(chrome, served, tmp_p
             "const c = ivtoolsCharts.drawn[0], d = c.plots[0].data; return [c.view(), d[0], d[1]]"
         )
         (start, stop), times, values = shown
-        assert stop - start < 120.0 and len(times) > 2000
+        assert stop - start < n / 9000.0 and len(times) > 1000
         inside = (t >= start) & (t <= stop)
         assert max(v for v in values if v is not None) >= frame.q[inside].max() - 1e-6
         assert "Traceback" not in own.log

@@ -31,7 +31,7 @@ def web(
     try:
         from ivtools.app.server import serve
     except ImportError as error:
-        raise MissingExtraError(str(error.name), "app") from error
+        raise MissingExtraError(str(error.name).split(".")[0], "app") from error
     from ivtools import axes
 
     def began(address: str) -> None:
