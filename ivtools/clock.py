@@ -214,9 +214,9 @@ def _resampled(t: Array, signals: Signals, rate: float) -> tuple[Array, Signals]
 
     keep = np.concatenate([[True], np.diff(t) > 0])
     fine = max(1, int(np.ceil(2.0 * (len(t) - 1) / (t[-1] - t[0]) / rate)))
-    n = int(np.floor((t[-1] - t[0]) * rate * (1 + 1e-12))) + 1
-    grid = t[0] + np.arange(n * fine) / (rate * fine)
-    grid = grid[grid <= t[-1]]
+    steps = (t[-1] - t[0]) * rate * (1 + 1e-12)  # whole ones stay whole
+    n = int(steps) + 1
+    grid = t[0] + np.arange(max(int(steps * fine), (n - 1) * fine) + 1) / (rate * fine)
 
     def one(x: Array) -> Array:
         smooth = CubicSpline(t[keep], x[keep])(grid)

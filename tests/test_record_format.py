@@ -232,3 +232,15 @@ def test_random_formats_on_random_tables_are_a_record_or_one_line():
 def test_rates_are_simple_numbers():
     for rate in (1000.0, 62.5, 400.0, 800.0, 8000.0, 250.0, 1234.0):
         assert nice_rate(rate * (1 + 2e-7)) == pytest.approx(rate, rel=1e-12)
+
+
+@pytest.mark.parametrize("rate", [1000.0, 500.0, 333.0, 300.0, 123.4])
+@pytest.mark.parametrize("samples", range(200, 260))
+def test_resampling_gives_every_signal_the_length_of_the_time(rate, samples):
+    """A span of whole steps is one, though its quotient is not to the last bit."""
+    t = 0.1 * samples + np.arange(samples) / rate
+    t[1:-1] += 0.2 / rate * np.sin(np.arange(samples - 2))
+    record = Record.from_dict(
+        {"t": t, "q": np.sin(t), "nu": np.cos(t)}, RecordFormat(rate=rate, resample=True)
+    )
+    assert record.n_samples in (samples, samples - 1)
