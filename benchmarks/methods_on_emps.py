@@ -3,9 +3,11 @@
     python benchmarks/methods_on_emps.py
 
 writes benchmarks/results/methods_on_emps.csv and methods_on_emps.md. Each method is fitted on one
-record and tested on the other; the closed loop is simulated with its parameters.
+record and tested on the other; the closed loop is simulated with its parameters. What was run is
+kept in build/ and not run again.
 """
 
+import json
 import warnings
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from ivtools.reproduce.toolboxes import NOTES, fit_cases
 from ivtools.transfer_table import orders, shown_poles
 
 RESULTS = Path(__file__).parent / "results"
+RUNS = Path(__file__).parents[1] / "build" / "methods_on_emps.jsonl"
 MODELS = {
     "symmetric": ("inertia", "viscous", "coulomb", "offset"),
     "asymmetric": ("inertia", "asymmetric-friction"),
@@ -50,6 +53,22 @@ def row(key, model, train, test):
         "converged": fit.converged,
         "remark": "; ".join(fit.notes),
     }
+
+
+def rows(pairs):
+    """Every method, model and record; what the file of runs lacks is appended to it."""
+    RUNS.parent.mkdir(exist_ok=True)
+    done = [json.loads(line) for line in RUNS.read_text().splitlines()] if RUNS.exists() else []
+    have = {(r["method"], r["model"], r["record"]): r for r in done}
+    for train, test in pairs:
+        for model in MODELS:
+            for key in METHODS:
+                if (key, model, train.name) not in have:
+                    made = row(key, model, train, test)
+                    with RUNS.open("a") as file:
+                        file.write(json.dumps(made, default=float) + "\n")
+                    have[key, model, train.name] = made
+                yield have[key, model, train.name]
 
 
 def figures(fit, case, other):
@@ -108,8 +127,7 @@ def main():
     warnings.simplefilter("ignore", ConvergenceWarning)
     records = [iv.datasets.emps(), iv.datasets.emps_pulses()]
     pairs = [records, records[::-1]]
-    rows = [row(key, model, *pair) for pair in pairs for model in MODELS for key in METHODS]
-    frame = pd.DataFrame(rows)
+    frame = pd.DataFrame(rows(pairs))
     functions = pd.DataFrame([line for pair in pairs for line in transfer_functions(*pair)])
     scale = pd.DataFrame(relative_scale(records))
     frame.to_csv(RESULTS / "methods_on_emps.csv", index=False, float_format="%.7g")
