@@ -24,6 +24,8 @@ class Pipelines:
     Parameters
     ----------
     joints : tuple of Pipeline
+    still : tuple of int
+        Joints that stand still throughout: they have no rows, for stiction takes what it takes.
 
     Raises
     ------
@@ -38,6 +40,7 @@ class Pipelines:
     """
 
     joints: tuple[Pipeline, ...]
+    still: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if len({(p.trim, p.decimation) for p in self.joints}) != 1:
@@ -65,7 +68,7 @@ class Pipelines:
 
     def broken(self, breaks: tuple[int, ...]) -> Pipelines:
         """Do as `Pipeline.broken`."""
-        return Pipelines(tuple(p.broken(breaks) for p in self.joints))
+        return Pipelines(tuple(p.broken(breaks) for p in self.joints), self.still)
 
     def inside(self, n: int) -> NDArray[np.bool_]:
         """Do as `Pipeline.inside`; all joints trim alike."""
@@ -82,17 +85,18 @@ class Pipelines:
 
     def samples(self, n: int, speed: Array | None = None) -> NDArray[np.intp]:
         """Return the samples of the stacked rows; as `Pipeline.samples`."""
-        return np.concatenate([p.samples(n, s) for p, s in self._each(speed)])
+        return np.concatenate([p.samples(n, s) for _, p, s in self._each(speed)])
 
     def row_joints(self, n: int, speed: Array | None = None) -> NDArray[np.int_]:
         """Return the joint that each row belongs to."""
-        counts = [len(p.samples(n, s)) for p, s in self._each(speed)]
-        return np.repeat(np.arange(len(counts)), counts)
+        counts = {j: len(p.samples(n, s)) for j, p, s in self._each(speed)}
+        return np.repeat(list(counts), list(counts.values()))
 
     def rows(self, columns: Array, speed: Array | None = None) -> Array:
         """Return the stacked rows of columns (n_joints, n, m); as `Pipeline.rows`."""
         found = []
-        for X, (pipeline, s) in zip(columns, self._each(speed), strict=True):
+        for j, pipeline, s in self._each(speed):
+            X = columns[j]
             felt = np.flatnonzero(X.any(axis=0))  # most columns say nothing of a joint
             rows = pipeline.rows(np.asfortranarray(X[:, felt]), s)
             full = np.zeros((len(rows), X.shape[1]))
@@ -100,7 +104,8 @@ class Pipelines:
             found.append(full)
         return np.vstack(found)
 
-    def _each(self, speed: Array | None) -> list[tuple[Pipeline, Any]]:
-        """Return each pipeline with the speed of its joint."""
+    def _each(self, speed: Array | None) -> list[tuple[int, Pipeline, Any]]:
+        """Return each joint that moves, its pipeline and its speed."""
         speeds = [None] * len(self.joints) if speed is None else list(np.asarray(speed).T)
-        return list(zip(self.joints, speeds, strict=True))
+        every = zip(range(len(self.joints)), self.joints, speeds, strict=True)
+        return [one for one in every if one[0] not in self.still]

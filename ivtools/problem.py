@@ -160,7 +160,9 @@ class Problem:
         t = self.record.t
         t = t - t[0] if t[0] != 0.0 else t  # a long record has no room for copies
         if isinstance(self.pipeline, Pipelines):
-            columns = beside(self.loop.regressor(motion, force, t), force - self.load)
+            loop: Any = self.loop
+            known = self.load + loop.held_force(motion, force, t)
+            columns = beside(loop.regressor(motion, force, t), force - known)
             return self.pipeline.rows(columns, self._speed)
         rows = self.pipeline.rows(self.loop.regressor(motion, force, t), self._speed)
         return beside(rows, self.pipeline.rows(force - self.load, self._speed))

@@ -189,3 +189,28 @@ def test_errors_of_one_instant_hang_together():
     together = covariance(X, e, starts=starts, stack=Stack(joints, t))[0, 0]
     assert together == pytest.approx(1.0 / 2000, rel=0.15)
     assert apart == pytest.approx(1.0 / 4000, rel=0.15)
+
+
+def test_a_joint_held_by_its_brake_leaves_the_rest_to_be_estimated():
+    """Not a count of its encoder changes: what it would tell keeps its value, and that is said."""
+    loop = iv.RobotLoop(two_joints(), two_axes())
+    t, q_ref = reference(8.0, n=2)
+    q_ref[:, 1] = 0.3
+    stuck = iv.RobotLoop(two_joints(), [two_axes()[0], replace(two_axes()[1], start=_stiff())])
+    sim = stuck.simulate(plan(t, q_ref), initial="rest")
+    q = sim.q.copy()
+    assert np.ptp(q[:, 1]) == 0.0
+    problem = iv.Problem(iv.Record(t, q=q, q_ref=q_ref, nu=sim.nu), loop)
+    assert {"elbow.viscous", "elbow.coulomb"} <= set(problem.loop.held)
+    assert not (problem.row_joints == 1).any() and len(problem.names) == problem.X.shape[1]
+    truth = loop.values()
+    for method in (iv.IDIMLS(), iv.IDIMIV(), iv.LMILS()):
+        fit = method.fit(problem)
+        assert fit.converged and fit.relative_error < 0.5
+        assert "elbow stands still" in " ".join(fit.notes)
+        assert fit.params["shoulder.coulomb"] == pytest.approx(truth["shoulder.coulomb"], rel=0.05)
+        assert fit.params["ZZ1R"] == pytest.approx(truth["ZZ1R"], rel=0.1)
+
+
+def _stiff():
+    return {"viscous": 0.03, "coulomb": 50.0, "offset": 0.0}

@@ -68,12 +68,15 @@ def _load_robot(
     """Return the record and the loop of a robot."""
     from ivtools import datasets
     from ivtools.loop import RobotLoop
+    from ivtools.loop.encoders import doubts
 
     if axis is not None:
         raise AxisError("--axis and --robot exclude each other; a robot file has its joints' axes")
     loop = RobotLoop.from_file(robot)
     found = datasets.load(record, data, loop.log)
     loop = loop.known(found) if known else loop
+    for doubt in doubts(loop, found) if found.n_joints == loop.n_joints else ():
+        warnings.warn(f"{found.name}: {doubt}", RecordWarning, stacklevel=2)
     if friction is not None:
         loop = replace(loop, axes=[with_friction(axis, friction) for axis in loop.axes], start={})
     return found, loop

@@ -173,7 +173,8 @@ def nearest_links(problem: Problem, Z: Array | None) -> tuple[Array, tuple[str, 
     rows = reweighted(X, weights)  # (N, p)
     if Z is not None:
         rows = np.linalg.qr(reweighted(Z, weights) / norms_of(Z))[0].T @ rows  # (p, p)
-    theta = loop.base.matrix @ loop.consistent(dict(zip(problem.names, free, strict=True)), rows)
+    phi = loop.consistent(dict(zip(problem.names, free.tolist(), strict=True)), rows)
+    theta = (loop.base.matrix @ phi)[loop.free]
     away = 100.0 * float(np.linalg.norm(X @ (theta - free)) / np.linalg.norm(y))
     said = (
         f"links that can exist, {away:.2g} % of the force away from the estimate without that; "

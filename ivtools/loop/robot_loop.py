@@ -26,6 +26,7 @@ from .closed_loop import ClosedLoop
 from .default_pipeline import SLOW
 from .model import Array, Model, Theta
 from .simulation import Simulation, over_stretches
+from .standing import at_rest, holding
 
 if TYPE_CHECKING:
     from .closed_loop import Initial
@@ -62,6 +63,8 @@ class RobotLoop(Model):
         How the columns of a record file become signals.
     notes : tuple of str
         What to say with every result.
+    held : tuple of str
+        Base parameters that keep their starting values, for a record does not tell them.
 
     Raises
     ------
@@ -86,6 +89,7 @@ class RobotLoop(Model):
     start: Mapping[str, float] = field(default_factory=dict)
     log: RecordFormat = field(default_factory=RecordFormat)
     notes: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n = self.robot.n_joints
@@ -175,8 +179,13 @@ class RobotLoop(Model):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the columns of the observation matrix."""
-        return self.base.names
+        """Names of the columns of the observation matrix: base parameters that are not held."""
+        return tuple(name for name in self.base.names if name not in self.held)
+
+    @property
+    def free(self) -> NDArray[np.intp]:
+        """Which of the base parameters are not held."""
+        return np.array([k for k, n in enumerate(self.base.names) if n not in self.held], np.intp)
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
@@ -280,6 +289,18 @@ class RobotLoop(Model):
         t : (n_samples,) array_like, optional
             Time, s.
         """
+        X = self._regressor(motion, tau, t)
+        return X[:, :, self.free] if self.held else X
+
+    def held_force(self, motion: Motion, tau: ArrayLike = 0.0, t: ArrayLike = 0.0) -> Array:
+        """Return the force of the parameters that are held, (n_samples, n_joints), N or N m."""
+        if not self.held:
+            return np.broadcast_to(0.0, motion.q.shape)
+        values, X = self.values(), self._regressor(motion, tau, t)
+        theta = [values[n] if n in self.held else 0.0 for n in self.base.names]
+        return np.asarray((X @ theta).T, dtype=float)
+
+    def _regressor(self, motion: Motion, tau: ArrayLike, t: ArrayLike) -> Array:
         base, n = self.base, self.n_joints
         place = np.full(base.matrix.shape[1], -1)
         place[base.columns] = np.arange(len(base.columns))
@@ -412,7 +433,7 @@ class RobotLoop(Model):
             self.felt_inertias(record, found)
         except AxisError:
             theta = self.consistent(found, rows()) @ self.base.matrix.T
-            found |= dict(zip(self.names, theta.tolist(), strict=True))
+            found |= dict(zip(self.base.names, theta.tolist(), strict=True))
         return found
 
     def consistent(self, theta: Theta, X: Array | None = None, pull: float = 1e-6) -> Array:
@@ -433,10 +454,13 @@ class RobotLoop(Model):
             ``base.standard``.
         """
         values = self.values(theta)
-        wanted = np.array([values[name] for name in self.names])
+        wanted = np.array([values[name] for name in self.base.names])
         own = [self._own_parameters[name].lower for name in self._own_names]
         prior = np.concatenate([self.robot.inertias.ravel(), self._own_starts()])
-        metric = None if X is None else np.asarray(np.linalg.qr(X, mode="r"))
+        metric = None
+        if X is not None:
+            metric = np.zeros((min(X.shape), len(wanted)))
+            metric[:, self.free] = np.linalg.qr(X, mode="r")
         return nearest(self.base.matrix, wanted, metric, prior, np.array(own), pull)
 
     def scaled(
@@ -456,7 +480,14 @@ class RobotLoop(Model):
     # --- the closed loop -------------------------------------------------------------------------
 
     def known(self, record: Record) -> RobotLoop:
-        """Return this loop with the controllers that are to be identified fitted to a record."""
+        """Return this loop as far as a record tells it.
+
+        Controllers that are to be identified are fitted; what joints that stand still do not show
+        is held.
+        """
+        return holding(self._controlled(record), record)
+
+    def _controlled(self, record: Record) -> RobotLoop:
         if all(axis.controller.kind != "identify" for axis in self.axes):
             return self
         self._check(record)
@@ -509,7 +540,7 @@ class RobotLoop(Model):
             options = {"initial": initial, "substeps": substeps, "quantum": quantum}
             return over_stretches(self, record, theta, noises, **options)
         return simulate(
-            self.known(record),
+            self._controlled(record),
             record,
             self.values(theta),
             initial=initial,
@@ -536,7 +567,8 @@ class RobotLoop(Model):
             "decimation": min(p.decimation for p in found),
             "trim": tuple(max(p.trim[i] for p in found) for i in range(2)),
         }
-        return Pipelines(tuple(replace(p, **common) for p in found))  # type: ignore[arg-type]
+        still = tuple(np.flatnonzero(at_rest(record)).tolist())
+        return Pipelines(tuple(replace(p, **common) for p in found), still)  # type: ignore[arg-type]
 
     def first_guess(self, record: Record) -> dict[str, float]:
         """Return least squares in the band that the references move in, made possible.
@@ -553,17 +585,18 @@ class RobotLoop(Model):
 
     def _guess(self, record: Record) -> dict[str, float]:
         self._check(record)
-        pipelines = self._band_pipelines(record)
+        pipelines = self.band_pipelines(record)
         motion = pipelines.differentiate(record.q, record.dt)
         force = pipelines.align(self.force(record))
-        force = force - (0.0 if record.load is None else record.load)
-        columns = self.regressor(motion, force, record.t - record.t[0])
+        t = record.t - record.t[0]
+        columns, held = self.regressor(motion, force, t), self.held_force(motion, force, t)
+        force = force - held - (0.0 if record.load is None else record.load)
         rows = pipelines.rows(np.concatenate([columns, force.T[:, :, np.newaxis]], 2), motion.dq)
         X, y = rows[:, :-1], rows[:, -1]
         theta = solve_iv(X, y, names=self.names)
         return self.possible(self.values(theta) | dict(self.start), record, lambda: X)
 
-    def _band_pipelines(self, record: Record) -> Pipelines:
+    def band_pipelines(self, record: Record) -> Pipelines:
         """Return pipelines that keep a few times the band in which each joint moves."""
         moved = record.q if record.q_ref is None else record.q_ref
         highest = _FASTEST * record.sampling_hz
@@ -587,7 +620,9 @@ class RobotLoop(Model):
         decimation = min(p.decimation for p in found)
         trim = max(p.trim[0] for p in found)
         trim = min(trim, record.longest.n_samples // 10)
-        return Pipelines(tuple(replace(p, decimation=decimation, trim=(trim, trim)) for p in found))
+        still = tuple(np.flatnonzero(at_rest(record)).tolist())
+        common = {"decimation": decimation, "trim": (trim, trim)}
+        return Pipelines(tuple(replace(p, **common) for p in found), still)  # type: ignore[arg-type]
 
 
 _GUESSES: WeakKeyDictionary[Record, dict[int, Any]] = WeakKeyDictionary()

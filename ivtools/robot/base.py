@@ -121,7 +121,7 @@ def group(X: Array, names: Sequence[str], order: Sequence[int] | None = None) ->
     norms = np.linalg.norm(X, axis=0)
     felt = [i for i in order if norms[i] > _TOLERANCE * norms.max()]
     R = np.asarray(np.linalg.qr(X[:, felt] / norms[felt], mode="r"))
-    kept = _independent(R)
+    kept = independent(R)
     pivots = np.abs(np.diag(qr(R, mode="r", pivoting=True)[0]))
     if np.count_nonzero(pivots > _TOLERANCE) != len(kept):
         raise AxisError("the rank of the observation matrix is not clear; excite more")
@@ -140,8 +140,8 @@ def group(X: Array, names: Sequence[str], order: Sequence[int] | None = None) ->
     return Base(labels, tuple(names), columns, matrix)
 
 
-def _independent(R: Array) -> list[int]:
-    """Return the columns of R that those before them do not span, by Gram and Schmidt."""
+def independent(R: Array) -> list[int]:
+    """Return the columns of R (m, p), of unit norm or 0, that those before them do not span."""
     span, kept = np.zeros((len(R), 0)), list[int]()
     for i, column in enumerate(R.T):
         for _ in range(2):  # twice is enough
