@@ -41,6 +41,26 @@ class Motion(NamedTuple):
     ddq: Array
 
 
+class Filter(NamedTuple):
+    """A filter, and the state in which it is at rest.
+
+    Attributes
+    ----------
+    sos : (n_sections, 6) ndarray
+        Second-order sections.
+    rest : (n_sections, 2, 1) ndarray
+        State behind a constant input of 1.
+    """
+
+    sos: Array
+    rest: Array
+
+    @classmethod
+    def of(cls, sos: Array) -> Filter:
+        """Complete second-order sections."""
+        return cls(sos, signal.sosfilt_zi(sos)[:, :, np.newaxis])
+
+
 @dataclass(frozen=True)
 class Pipeline:
     """How sampled signals become rows of the regression.
@@ -434,18 +454,19 @@ def _columns(x: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _butterworth(order: int, cutoff: float) -> Array:
-    """Low-pass as second-order sections; the cut-off as a fraction of Nyquist."""
-    return signal.butter(order, cutoff, output="sos")
+def _butterworth(order: int, cutoff: float) -> Filter:
+    """Low-pass of this order; the cut-off as a fraction of Nyquist."""
+    return Filter.of(signal.butter(order, cutoff, output="sos"))
 
 
 @lru_cache(maxsize=64)
-def _chebyshev(decimation: int) -> Array:
-    """Anti-alias filter of the decimation, as second-order sections."""
-    return signal.cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, 0.8 / decimation, output="sos")
+def _chebyshev(decimation: int) -> Filter:
+    """Anti-alias filter of the decimation."""
+    cutoff = 0.8 / decimation
+    return Filter.of(signal.cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, cutoff, output="sos"))
 
 
-def _forward_backward(sos: Array, x: Array, pad: int) -> Array:
+def _forward_backward(low_pass: Filter, x: Array, pad: int) -> Array:
     """Filter columns (n, m) forward and backward with `pad` samples of odd reflection.
 
     Second-order sections stay accurate where the transfer function's coefficients do not (a low
@@ -459,7 +480,7 @@ def _forward_backward(sos: Array, x: Array, pad: int) -> Array:
     padded[pad : pad + n] = x
     padded[:pad] = 2.0 * x[0] - x[pad:0:-1]
     padded[pad + n :] = 2.0 * x[-1] - x[-2 : -pad - 2 : -1]
-    rest = signal.sosfilt_zi(sos)[:, :, np.newaxis]
+    sos, rest = low_pass
     forward, _ = signal.sosfilt(sos, padded, axis=0, zi=rest * padded[0])
     del padded
     backward, _ = signal.sosfilt(sos, forward[::-1], axis=0, zi=rest * forward[-1])

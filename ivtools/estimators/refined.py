@@ -143,7 +143,7 @@ def whiteness(e: Array, lags: int = LAGS) -> tuple[float, float]:
     >>> pvalue > 0.01
     True
     """
-    from statsmodels.stats.diagnostic import acorr_ljungbox
+    from statsmodels.tsa.stattools import acf, q_stat
 
-    found = acorr_ljungbox(e, lags=[lags]).iloc[0]
-    return float(found["lb_stat"]), float(found["lb_pvalue"])
+    statistics, pvalues = q_stat(acf(e, nlags=lags, fft=True)[1:], len(e))
+    return float(statistics[-1]), float(pvalues[-1])
