@@ -30,6 +30,7 @@ CERTAIN = 6.0  # standard deviations of the velocity's noise: faster has a direc
 ABOVE = 10.0  # times the power of the noise: a motion
 MOST = 0.95  # of the velocity's power that the band of a free motion holds
 LEAST = 0.2  # of the rows a mask must leave
+SEEN, ASKED = 0.6, 0.3  # of the square of the acceleration, measured or of the reference, as well
 
 
 def default_pipeline(loop: ClosedLoop, record: Record, rule: Rule, **settings: Any) -> Pipeline:
@@ -88,12 +89,28 @@ def _masked(pipeline: Pipeline, record: Record) -> Pipeline:
     least = max(SLOW * float(speed.max()), CERTAIN * noise)
     cutoff = pipeline.cutoff_hz
     guard = pipeline.decimation if cutoff is None else int(round(record.sampling_hz / cutoff))
+    found = None  # the first that leaves enough rows
     while least > 1e-3 * SLOW * speed.max():
         masked = replace(pipeline, min_speed=least, guard=guard)
-        if masked.moving(len(speed), speed).mean() >= LEAST:
-            return masked
+        kept = masked.moving(len(speed), speed)
+        if kept.mean() >= LEAST:
+            if _pushed(record, motion, kept):
+                return masked
+            found = found or masked
         least, guard = 0.5 * least, guard // 2
-    return pipeline
+    return found or pipeline
+
+
+def _pushed(record: Record, motion: Motion, kept: NDArray[np.bool_]) -> bool:
+    """Whether some of the samples show the inertia: enough of the acceleration is in them.
+
+    An axis that sticks between short moves accelerates in few samples, next to standstill. Noise
+    hides that from the measured acceleration, and the reference may jump where the axis does not.
+    """
+    q_ref = motion.q if record.q_ref is None else record.q_ref
+    asked = np.gradient(np.gradient(q_ref[:, 0])) ** 2  # (n_samples,), of no unit
+    seen = motion.ddq[:, 0] ** 2
+    return bool(seen[kept].sum() >= SEEN * seen.sum() or asked[kept].sum() >= ASKED * asked.sum())
 
 
 def velocity_noise(pipeline: Pipeline, record: Record, motion: Motion) -> float:
