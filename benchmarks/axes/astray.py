@@ -1,4 +1,4 @@
-"""Whether a fit on a drawn axis that says it converged is far off: 1000 records, a new axis each.
+"""Whether a fit on a drawn axis that says it converged is far off: one record of each of 1000.
 
     python -m benchmarks.axes.astray rows.csv 540     # goes on where rows.csv ends, for 540 s
     python -m benchmarks.axes.astray rows.csv         # writes benchmarks/results/axes/astray.md
@@ -22,13 +22,14 @@ from ivtools.estimators.base import estimator_class
 from ivtools.study import Case
 
 from .population import population
+from .summary import cell
 
 OFF_PERCENT, OFF_ERRORS = 20.0, 5.0
 VAGUE = 10.0  # % of relative deviation from which a result marks a parameter as not identifiable
-HEAD = """# A thousand drawn axes, one record each: does a fit that says it converged go astray?
+HEAD = """# Drawn axes, one record each: does a fit that says it converged go astray?
 
-{records} axes of `population(1000, {seed})` (`benchmarks/axes/astray.py`): units over eight
-decades, six control laws, 250 Hz to 10 kHz, encoders of 2^11 to 2^20 counts, late drives, a fifth
+The first {records} of the {all} axes of `population({all}, {seed})`; `benchmarks/axes/astray.py` goes
+on with the rest where its rows end. Units over eight decades, six control laws, 250 Hz to 10 kHz, encoders of 2^11 to 2^20 counts, late drives, a fifth
 with friction of one to two times the force of acceleration; default pipeline and settings. None of
 these axes was seen before the code was frozen. {seldom} on every fifth record only.
 
@@ -127,13 +128,19 @@ def _scores(group: pd.DataFrame) -> dict[str, float]:
 def markdown(table: pd.DataFrame) -> str:
     """Return the table of the methods, and the records that went astray."""
     rows, n = summary(table), table["record"].nunique()
-    lines = [HEAD.format(records=n, seed=SEED, seldom=", ".join(SELDOM), chance=2.0 / n**0.5)]
+    noisy = table[~table["case"].str.contains(" none")]["record"].nunique()
+    lines = [
+        HEAD.format(
+            records=n, all=RECORDS, seed=SEED, seldom=", ".join(SELDOM), chance=2.0 / noisy**0.5
+        )
+    ]
     lines += ["| method | records | converged, % | off | unsaid | coverage, % | bias | no noise, % "
               "| time, ms |", "|---|" + "---|" * 8]  # fmt: skip
     for r in rows.itertuples():
         lines.append(
             f"| {r.method} | {r.records:.0f} | {r.converged:.1f} | {r.off:.0f} | {r.unsaid:.0f} "
-            f"| {r.coverage:.1f} | {r.bias:.2f} | {r.no_noise:.2g} | {r.milliseconds:.0f} |"
+            f"| {cell(r.coverage, '.1f')} | {cell(r.bias, '.2f')} | {cell(r.no_noise, '.2g')} "
+            f"| {r.milliseconds:.0f} |"
         )
     return "\n".join(lines) + "\n"
 
