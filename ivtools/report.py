@@ -270,4 +270,4 @@ def _with_html(text: str) -> Text:
     """Return a table with an HTML form that a keyboard can scroll; plain text is set as it is."""
     made = text if isinstance(text, Text) else Text(text, f"<pre>{escape(text)}</pre>")
     reachable = '<div class="ivtools" tabindex="0" role="group" aria-label="Table">'
-    return Text(made, made.html.replace('<div class="ivtools">', reachable, 1))
+    return Text(made, made.html.replace('<div class="ivtools">', reachable))

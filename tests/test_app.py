@@ -186,8 +186,13 @@ def test_a_unit_is_corrected_and_what_rests_on_it_goes(client, server, twin):
     rest(client, place)
     inertia = client.get(f"{place}get/estimates.json").json()["idim-ls"]["params"]["inertia"]
     assert inertia == pytest.approx(95.0, rel=0.02)
-    client.post(f"{place}do/axis", json={"text": axis.replace("35.15", "70.3")})
-    rest(client, place)
+    stated = axis.replace("35.15", "70.3").replace("kp = ", "kp = 1")
+    client.post(f"{place}do/axis", json={"text": stated})
+    assert rest(client, place)["look"]["status"] == "done"
+    client.post(f"{place}do/correct", json={**fields, "gain": "70"})
+    assert rest(client, place)["look"]["status"] == "done"
+    kept = client.get(f"{place}get/axis.toml").text
+    assert "gain = 70.0" in kept and re.search(r"kp = 1\d\d\d\.", kept)  # a stated law stays
     assert client.get(f"{place}get/estimates.json").status_code == 400  # made with another gain
 
 

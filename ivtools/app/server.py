@@ -181,7 +181,7 @@ class Server:
         actions: dict[str, Callable[[], None]] = {
             "cancel": session.cancel,
             "twin": lambda: session.take_log("twin", "twin"),
-            "correct": lambda: session.start("look", {"fields": fields}),
+            "correct": lambda: session.correct(fields),
             "axis": lambda: session.start("look", {"text": str(fields.get("text", ""))}),
             "estimate": lambda: session.start("estimate", {"methods": _methods(fields)}),
             "diagnose": lambda: session.start("diagnose", {"tolerance": _tolerance(fields)}),

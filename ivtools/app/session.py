@@ -165,6 +165,13 @@ class Session:
 
             step.job = self._hands.do(order, tell)
 
+    def correct(self, fields: Mapping[str, Any]) -> None:
+        """Look again, with the columns and units that the user says; a stated law stays."""
+        own = self.steps["look"].folder
+        stated = own is not None and self.about().get("law") == "stated"
+        axis = str(own / "axis.toml") if own is not None and stated else None
+        self.start("look", {"fields": dict(fields), "axis": axis})
+
     def cancel(self) -> None:
         """Cancel what is in hand."""
         with self.lock:

@@ -21,6 +21,7 @@ from ..loop import ClosedLoop
 from ..pages import comparison_page
 from ..problem import Problem
 from ..record import Record
+from ..record_format import RecordFormat
 from ..registry import REGISTRY
 from ..report import Page
 from . import charts, form
@@ -118,6 +119,8 @@ def look(order: Order, say: Say) -> dict[str, Any]:
 def _stated(order: Order, say: Say) -> dict[str, Any]:
     """Look at a log whose axis file is given."""
     text = order.text
+    if order.fields is not None and order.axis is not None:
+        text = _corrected(ClosedLoop.from_file(order.axis), **form.said(order.fields))
     if text is None:
         own = axes.FILES[REGISTRY[order.log].axis] if order.axis is None else Path(order.axis)
         text = own.read_text(encoding="utf-8")
@@ -132,6 +135,12 @@ def _stated(order: Order, say: Say) -> dict[str, Any]:
     say("drawing")
     _keep(log_page(record, loop, fit), order, tomllib.loads(text))
     return {"usable": True}
+
+
+def _corrected(loop: ClosedLoop, said: RecordFormat, joint: str, gain: float | None) -> str:
+    """Return the axis file of a loop, with what the user says about the log."""
+    known = loop.gain if gain is None else gain
+    return replace(loop, log=said, joint=joint, gain=known).to_toml()
 
 
 def estimate(order: Order, say: Say) -> dict[str, Any]:
