@@ -156,7 +156,7 @@ const ivtoolsCharts = (function () {
             },
           },
         },
-        axes: [last ? axis(content.across, 34) : { ...axis("", 4), ticks: { show: false }, values: (u, v) => v.map(() => "") }, { ...axis(panel.label, 46), space: 24 }],
+        axes: [last ? axis(content.across, 34) : { ...axis("", 4), ticks: { show: false }, values: (u, v) => v.map(() => "") }, { ...axis(panel.label, 50), space: 24 }],
         cursor: {
           sync: { key: linked ? "linked" : "chart" + rank, scales: ["x", null] },
           drag: { x: true, y: false, dist: 6 },
