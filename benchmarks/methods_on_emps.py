@@ -138,8 +138,8 @@ def main():
              "converged"]  # fmt: skip
     text = [
         "# Every method on both EMPS records",
-        "Made by `python benchmarks/methods_on_emps.py`. Errors in %, free run in mm, elapsed time in s, "
-        "which a busy machine inflates; "
+        "Made by `python benchmarks/methods_on_emps.py`. Errors in %, free run in mm, elapsed time "
+        "in s, which a busy machine inflates; "
         "'other' is the record that the method has not seen. relative_error is that of the signal "
         "each method fits (force, simulated force or position): compare methods by the columns "
         "after it. All parameters and remarks are in methods_on_emps.csv.",
