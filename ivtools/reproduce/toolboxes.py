@@ -33,9 +33,11 @@ NOTES = (
     "is the offset, integrated.",
     "Command to velocity: one pole does far better than printed (18 % by SRIVC, 21 % with a noise "
     "model). What stays with one is dry friction, which no transfer function has.",
-    "Every 20th sample, a noise model and a start from rest come near all four printed figures: "
-    "78.7 % and 0.5, 46.5 % and 0.8. A search over detrending, resampling, method, structure and "
-    "initial conditions is benchmarks/report_digits.py.",
+    "Every 20th sample of the velocity and RIVC with one pole give 47.3 % and 0.8, both printed "
+    "figures. Nothing gave both of the position; nearest, from every 20th sample too, are 76.9 % "
+    "and 0.5 by SRIVC with a zero, a pole and an integrator, and 78.7 % and 0.5 by RIVC with two "
+    "poles, from rest. benchmarks/results/report_digits.md has the search over detrending, "
+    "resampling, method, structure and initial conditions.",
     "Reference to position: the controller hides the plant; any second-order system near 20 Hz "
     "with unit gain fits, and says nothing about friction.",
 )
