@@ -1,6 +1,7 @@
 """A robot is diagnosed joint by joint, and what a joint shows of another's effect is not named."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from robots import plan, reference, six_loop, two_axes, two_joints
 import ivtools as iv
 from ivtools.cli import run
 from ivtools.errors import AxisError
-from ivtools.gap.joints import alone, identified
+from ivtools.gap.joints import alone, heard, identified
 
 
 def measured(loop, seed, noise=2e-5, seconds=12.0):
@@ -35,6 +36,13 @@ def test_the_joint_and_its_effect_are_named(found):
     assert found.effects == {"elbow": ("stribeck",)}
     assert found["elbow"].parameters["stribeck"]["force"] == pytest.approx(0.15, rel=0.1)
     assert found.coupled.after["elbow"] < found.coupled.before["elbow"]
+
+
+def test_a_name_that_hardly_lowers_the_error_is_none(found):
+    elbow = found["elbow"]
+    assert heard(elbow) is elbow
+    faint = replace(elbow, shrink=replace(elbow.shrink, after=0.999 * elbow.shrink.before))
+    assert not heard(faint).effects and "not named" in heard(faint).advice[-1]
 
 
 def test_it_shows_itself(found, tmp_path):
