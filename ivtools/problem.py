@@ -74,6 +74,12 @@ class Problem:
     simulation: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.record, Record) or not hasattr(self.loop, "joints"):
+            given = f"{type(self.record).__name__} and {type(self.loop).__name__}"
+            raise EstimationError(
+                f"Problem was given a {given}; give a Record and a ClosedLoop or RobotLoop, in "
+                "this order (Record.read and ClosedLoop.from_file read files)"
+            )
         if self.record.n_joints != len(self.loop.joints):
             raise ShapeError(
                 f"the record has {self.record.n_joints} joints and the loop "

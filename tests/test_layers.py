@@ -15,7 +15,17 @@ ROOT = Path(ivtools.__file__).parent
 #: Rooms from left to right. A room imports rooms to its left, and nothing beside it.
 ORDER = [
     ("errors",),
-    ("download", "files", "limits", "settings", "mat_child", "registry", "tables", "units"),
+    (
+        "download",
+        "files",
+        "limits",
+        "methods",
+        "settings",
+        "mat_child",
+        "registry",
+        "tables",
+        "units",
+    ),
     ("csv_layout", "resume", "workers"),
     ("columns", "clock", "compiled", "xml_file"),
     ("record_format",),

@@ -44,6 +44,7 @@ def load(
     IVToolsError
         One of them cannot be found, read or used.
     """
+    exists(record, axis, robot)
     from ivtools import datasets
     from ivtools.gap.preflight import doubts
 
@@ -82,19 +83,49 @@ def _load_robot(
     return found, loop
 
 
-def load_axis(axis: str) -> ClosedLoop:
-    """Return a registered axis, or that of an axis file."""
+def exists(record: str, axis: str | None = None, robot: Path | None = None) -> None:
+    """Refuse names of nothing, before what is slow to import or to read.
+
+    Raises
+    ------
+    DataError, AxisError
+    """
+    from ivtools.registry import REGISTRY
+
+    if record not in REGISTRY and not _there(record):
+        known = ", ".join(REGISTRY)
+        raise DataError(f"{record}: there is no such file and no such data set ({known})")
+    if robot is None:
+        axis_path(axis or own_axis(record))
+
+
+def _there(path: str | Path) -> bool:
+    try:
+        return Path(path).expanduser().exists()
+    except (OSError, RuntimeError, ValueError):
+        return True  # the reader says what is wrong with it
+
+
+def axis_path(axis: str) -> Path:
+    """Return the file of an axis that is named, if there is one."""
     from ivtools import axes
-    from ivtools.loop import ClosedLoop
 
     if axis in axes.FILES:
-        return ClosedLoop.from_file(axes.FILES[axis])
-    if not Path(axis).suffix and not Path(axis).exists():
+        return axes.FILES[axis]
+    if not _there(axis):
         raise AxisError(
             f"{axis!r} is neither an axis file nor a registered axis; registered: "
             f"{', '.join(axes.FILES)}"
         )
-    return ClosedLoop.from_file(axis)
+    return Path(axis)
+
+
+def load_axis(axis: str) -> ClosedLoop:
+    """Return a registered axis, or that of an axis file."""
+    path = axis_path(axis)
+    from ivtools.loop import ClosedLoop
+
+    return ClosedLoop.from_file(path)
 
 
 def own_axis(record: str) -> str:
@@ -103,9 +134,6 @@ def own_axis(record: str) -> str:
 
     if record in REGISTRY and REGISTRY[record].axis:
         return REGISTRY[record].axis
-    if record not in REGISTRY and not Path(record).exists():
-        known = ", ".join(REGISTRY)
-        raise DataError(f"{record}: there is no such file and no such data set ({known})")
     raise AxisError(
         f"the axis of {record} is not known; give --axis FILE (ivtools axis emps prints an example)"
     )

@@ -15,9 +15,10 @@ def check(
 ) -> None:
     """Say what will be used of a log, in which units, and whether it suffices."""
     from ivtools.cli.case import load
-    from ivtools.suitability import suitability
 
     measured, loop = load(record, axis, data)
+    from ivtools.suitability import suitability
+
     found = suitability(measured, loop)
     texts: list[object] = [found.summary()]
     if out is not None:

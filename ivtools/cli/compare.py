@@ -59,11 +59,14 @@ def compare(
     out: options.Out = None,
 ) -> None:
     """Compare methods on a record, and on a hold-out that none of them has seen."""
+    from ivtools.cli.case import exists, load
+
+    exists(record, axis, robot)
+    names = _names(methods or (DEFAULT_ROBOT if robot else None))
     from ivtools import datasets
-    from ivtools.cli.case import load
     from ivtools.comparison import compare as side_by_side
 
-    estimators = _estimators(methods or (DEFAULT_ROBOT if robot else None), cov)
+    estimators = _estimators(names, cov)
     measured, loop = load(record, axis, data, robot=robot)
     other = None
     if holdout is not None:
@@ -86,10 +89,9 @@ def compare(
             raise KeyboardInterrupt("interrupted; what was finished is kept")
 
 
-def _estimators(methods: str | None, cov: options.Covariance) -> list[Method]:
-    """Return the estimators of a list; a transfer-function method has one per structure."""
-    from ivtools.estimators.base import FUNCTIONS, METHODS, estimator_class
-    from ivtools.estimators.functions import function_cases
+def _names(methods: str | None) -> list[str]:
+    """Return the methods of a list by name."""
+    from ivtools.methods import FUNCTIONS, METHODS, method
 
     names = list(DEFAULT)
     if methods is not None:
@@ -98,6 +100,17 @@ def _estimators(methods: str | None, cov: options.Covariance) -> list[Method]:
     if not names:
         known = ", ".join([*METHODS, *FUNCTIONS])
         raise EstimationError(f"--methods is empty; use some of {known}")
+    for name in names:
+        if name not in FUNCTIONS:
+            method(name)
+    return names
+
+
+def _estimators(names: list[str], cov: options.Covariance) -> list[Method]:
+    """Return the estimators of a list; a transfer-function method has one per structure."""
+    from ivtools.estimators.base import METHODS, estimator_class
+    from ivtools.estimators.functions import function_cases
+
     estimators: list[Method] = []
     for name in names:
         if name in METHODS:

@@ -100,9 +100,9 @@ def diagnose(
         )
     if simulated or simulated_holdout:
         raise DataError("--simulated belongs to one record; diagnose the records one at a time")
+    loop = _loop(axis, names)
     from ivtools.gap import diagnose_fleet
 
-    loop = _loop(axis, names)
     with stoppable():
         fleet = diagnose_fleet(
             names,
@@ -130,7 +130,12 @@ def _one(
     tolerance: float,
 ) -> None:
     """Diagnose a single record."""
-    from ivtools.cli.case import load
+    from ivtools.cli.case import exists, load, own_axis
+
+    exists(name, axis)
+    for one in (holdout, judge):
+        if one is not None:
+            exists(one, axis or own_axis(name))
     from ivtools.gap import diagnose as find_gap
     from ivtools.gap.against import changes_table
 

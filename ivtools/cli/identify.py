@@ -45,7 +45,10 @@ def identify(
     out: options.Out = None,
 ) -> None:
     """Identify the parameters of an axis from a record."""
-    from ivtools.cli.case import load
+    from ivtools.cli.case import exists, load
+    from ivtools.methods import method as known
+
+    known(method), exists(record, axis, robot)  # which is soon told
     from ivtools.estimators.base import estimator_class
 
     estimator = estimator_class(method)(cov_type=cov.value)

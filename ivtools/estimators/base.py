@@ -17,40 +17,14 @@ from ivtools.errors import ConvergenceWarning, EstimationError
 from ivtools.estimators.contradiction import checked
 from ivtools.linalg import CovType
 from ivtools.loop import ClosedLoop, RobotLoop
+from ivtools.methods import FUNCTIONS as FUNCTIONS
+from ivtools.methods import METHODS as METHODS
+from ivtools.methods import method
 from ivtools.record import Record
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
     from ivtools.results import FitResults
-
-METHODS = {
-    "idim-ls": "least_squares:IDIMLS",
-    "idim-wls": "least_squares:IDIMWLS",
-    "idim-iv": "instrumental:IDIMIV",
-    "idim-bciv": "compensated:IDIMBCIV",
-    "idim-piv": "refined:IDIMPIV",
-    "ml": "maximum_likelihood:ML",
-    "set-membership": "set_membership:SetMembership",
-    "lmi-ls": "constrained:LMILS",
-    "lmi-iv": "constrained:LMIIV",
-    "didim": "input_error:DIDIM",
-    "clie": "input_error:CLIE",
-    "cloe": "output_error:CLOE",
-    "oloe": "output_error:OLOE",
-    "ddm-ls": "direct:DDMLS",
-    "ddm-iv": "direct:DDMIV",
-    "nsga2": "multi_objective:NSGA2",
-}
-"""Method names of the command line, each with its module and class in `ivtools.estimators`."""
-
-FUNCTIONS = {
-    "srivc": "transfer_function:SRIVC",
-    "rivc": "box_jenkins:RIVC",
-    "clsrivc": "closed_loop_srivc:CLSRIVC",
-    "sriv": "box_jenkins:SRIV",
-    "rivbj": "box_jenkins:RIVBJ",
-}
-"""The same for the methods whose result is a transfer function, see `functions`."""
 
 
 @dataclass(frozen=True)
@@ -160,14 +134,7 @@ def estimator_class(key: str) -> type[Estimator]:
     >>> estimator_class("idim-ls")()
     IDIMLS(cov_type='hac')
     """
-    if key in FUNCTIONS:
-        raise EstimationError(
-            f"{key} gives a transfer function, which has no physical parameters; run compare with "
-            f"--methods {key}"
-        )
-    if key not in METHODS:
-        raise EstimationError(f"method {key!r} is unknown; use one of {', '.join(METHODS)}")
-    module, name = METHODS[key].split(":")
+    module, name = method(key).split(":")
     found: type[Estimator] = getattr(import_module(f"ivtools.estimators.{module}"), name)
     return found
 

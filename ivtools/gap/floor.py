@@ -26,6 +26,7 @@ from .rules import (
     EVENT_SPREAD,
     EVENT_TIME,
     FEW_EVENTS,
+    LEAST_WINDOW,
     NOISE_ORDER,
     PERIODIC,
     QUIET,
@@ -128,7 +129,8 @@ def measure(fit: Fit, response: Response, raw: Array) -> Floor:
         quiet = _quiet(rest, keep, dt)
         whitener = _autoregression(rest, quiet)
         white = signal.lfilter(whitener, [1.0], rest)
-        scale = _level(white, keep, dt)
+        taken = (columns.shape[1] + fit.J.shape[1] + NOISE_ORDER) / max(int(keep.sum()), 1)
+        scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, 0.5))  # degrees of freedom
         whitener = whitener / scale
         if first:  # lines over position would pass for coloured noise
             columns = np.column_stack(
@@ -183,7 +185,7 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, keep: Mask) ->
 
 def _windows(x: Array, keep: Mask, dt: float) -> tuple[Array, NDArray[np.int_], int]:
     """Return the mean of each window, how many samples of it count, and its width."""
-    width = max(round(WINDOW / dt), 10)
+    width = max(round(WINDOW / dt), LEAST_WINDOW)
     count = len(x) // width
     counts = keep[: count * width].reshape(count, width).sum(axis=1)
     sums = np.where(keep, x, 0.0)[: count * width].reshape(count, width).sum(axis=1)

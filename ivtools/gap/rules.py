@@ -149,6 +149,8 @@ LINES = 3
 NOISE_ORDER = 20
 #: Seconds of the windows in which noise is compared (training).
 WINDOW = 0.1
+#: Samples of such a window at least (theory: its energy scatters by a fifth, not by half).
+LEAST_WINDOW = 50
 #: Frequency, Hz, below and above which a window must be quiet (EMPS: band of the position loop).
 SPLIT_HZ = 12.0
 #: Quantile of the windows that count as quiet (training).
@@ -194,6 +196,9 @@ MUTATION, RECOMBINATION = (0.4, 0.9), 0.9
 
 #: Whitened energy over the floor below which nothing is missing (training: 98 of 100).
 ADEQUATE = 1.12
+#: Samples at which a record is so short that twice that energy may be its noise, badly known: what
+#: comes on top falls with their square (training: 26 healthy records of 1100 to 3000 samples).
+SHORT = 520
 #: Whitened energy at which named effects count as all there is, a little above (training).
 ADEQUATE_NAMED = 1.15
 #: Whitened energy over the floor at which nothing is left to decide between rivals (training).

@@ -26,6 +26,7 @@ from .rules import (
     EXPLAINED,
     OVER_FLOOR,
     REPEATS,
+    SHORT,
     STEADY,
     Rules,
 )
@@ -125,7 +126,9 @@ def decide(
         return "non-repeatable"
     between = measured[-1].floor.between
     above = between is not None and shrink.after > OVER_FLOOR * between and not small
-    if float(np.mean([h.cost for h in result.held])) <= ADEQUATE and not above:
+    few = min(m.fold.n_kept for m in measured)
+    allowed = ADEQUATE + (SHORT / few) ** 2
+    if float(np.mean([h.cost for h in result.held])) <= allowed and not above:
         return "adequate"
     return "non-repeatable" if _moved(result) else "unexplained"
 

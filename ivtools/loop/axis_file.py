@@ -30,7 +30,7 @@ _TABLES: dict[str, tuple[str, ...]] = {
     "controller": COMMON,
     "drive": ("gain", "delay"),
     "model": ("terms", "start"),
-    "pipeline": ("rule", *(f.name for f in fields(Pipeline))),
+    "pipeline": ("rule", *(f.name for f in fields(Pipeline) if f.name != "breaks")),
     "limits": ("lower", "upper", "speed", "acceleration", "effort"),  # for excite
 }
 #: What a number alone in these keys is for.
