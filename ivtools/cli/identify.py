@@ -48,7 +48,8 @@ def identify(
     from ivtools.cli.case import exists, load
     from ivtools.methods import method as known
 
-    known(method), exists(record, axis, robot)  # which is soon told
+    known(method)  # which is soon told, as are names of nothing
+    exists(record, axis, robot)
     from ivtools.estimators.base import estimator_class
 
     estimator = estimator_class(method)(cov_type=cov.value)
