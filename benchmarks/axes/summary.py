@@ -51,8 +51,8 @@ standard deviations. `cloe` cannot see an offset behind integral action and says
 on velocity loops, where it compares the velocity since. Without noise every method but two returns
 the truth to 0.7 %: `cloe` (2.8 %), and `set-membership`. A study takes every fit as it is: that
 instruments contradict least squares, which then says that it has not converged, does not count
-here ([astray.md](astray.md) counts it). Not run: `oloe`, which drifts (see the study `methods`), and
-`nsga2`.
+here ([astray.md](astray.md) counts it). Not run: `oloe`, which drifts (see the study `methods`),
+and `nsga2`.
 """
 
 
