@@ -34,9 +34,9 @@ NOTES = (
     "Command to velocity: one pole does far better than printed (18 % by SRIVC, 21 % with a noise "
     "model). What stays with one is dry friction, which no transfer function has.",
     "Every 20th sample of the velocity and RIVC with one pole give 47.3 % and 0.8, both printed "
-    "figures. Nothing gave both of the position; nearest, from every 20th sample too, are 76.9 % "
-    "and 0.5 by SRIVC with a zero, a pole and an integrator, and 78.7 % and 0.5 by RIVC with two "
-    "poles, from rest. benchmarks/results/report_digits.md has the search over detrending, "
+    "figures. Nothing gave both of the position; nearest are 74.3 % and 0.5 by RIVC with one pole "
+    "where means are removed, and 76.9 % and 0.5 by SRIVC with a zero, a pole and an integrator "
+    "from every 20th sample. benchmarks/results/report_digits.md has the search over detrending, "
     "resampling, method, structure and initial conditions.",
     "Reference to position: the controller hides the plant; any second-order system near 20 Hz "
     "with unit gain fits, and says nothing about friction.",
