@@ -31,9 +31,11 @@ def laas_motor(name: str, part: str, file: Path) -> Record:
 
     The flag in the file does not mean the same in all of them; in each the first half is the one
     whose current is the velocity's law alone. The loop was late now and then, and caught up: the
-    position advances with the stamps, so the signals are resampled.
+    signals are resampled. After a late stamp it is the next row's position that has moved on, so a
+    row was read when the one before it was stamped.
     """
     table = pd.read_csv(file, skipinitialspace=True)
+    table = table.assign(Time=table["Time"].shift()).iloc[1:]
     switch = int(np.flatnonzero(np.diff(table["Function Activated"]))[0]) + 1
     table = table[switch:] if part else table[:switch]
     columns = {"t": "Time", "q": "Position", "dq": "Velocity", "dq_ref": "Reference Velocity"}

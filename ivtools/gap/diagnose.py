@@ -27,7 +27,17 @@ from .floor import Measured
 from .fold import Fold, Side, usable
 from .library import Scales
 from .parity import Parity
-from .rules import ADEQUATE, AT_CONTROLLER, BEYOND, COMMON, SATURATED, STRETCHES, TOLERANCE, Rules
+from .rules import (
+    ADEQUATE,
+    AT_CONTROLLER,
+    BEYOND,
+    COMMON,
+    PARITY_POOR,
+    SATURATED,
+    STRETCHES,
+    TOLERANCE,
+    Rules,
+)
 
 Array = NDArray[np.float64]
 
@@ -149,13 +159,13 @@ def _mute(text: str) -> None:
 def _followed(task: _Task) -> tuple[_Task, ClosedLoop, list[preflight.Finding]]:
     """Return the task with positions to follow, the loop that follows them, and what to say."""
     known = task.loop.known(task.record)
-    record, loop, note = preflight.followed(task.record, known)
+    record, note = preflight.followed(task.record, known)
 
     def other(one: Record | None) -> Record | None:
         return None if one is None else preflight.followed(one, known)[0]
 
     task = task._replace(record=record, holdout=other(task.holdout), judge=other(task.judge))
-    return task, loop, note
+    return task, known, note
 
 
 def _unbroken(task: _Task) -> tuple[_Task, list[preflight.Finding]]:
@@ -187,9 +197,11 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
         return _refused(record, loop, checked, [*found, *law])
     say("base model and floor")
     try:
-        records, checked, loop = _prepared(records, checked, loop)
-        measured = _confirmed(loop, _measured(records, checked))
-        third = None if task.judge is None else _measure(task.judge, parity.check(task.judge, loop))
+        ready = [_ready(r, p, records) for r, p in zip(records, checked, strict=True)]
+        judge = task.judge
+        third = judge and _measure(_ready(judge, parity.check(judge, loop), records))
+        loop = _alike(preflight.told_apart(records, loop), ready[0])
+        measured = _confirmed(loop, _measured(ready))
     except IVToolsError as error:
         return _refused(record, loop, checked, [*found, preflight.Finding(str(error)), *law])
     if holdout is not None:
@@ -206,34 +218,57 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
     return _answer(task, loop, measured, third, result, fold, rules, [*found, *law])
 
 
-def _prepared(
-    records: tuple[Record, ...], checked: tuple[Parity, ...], loop: ClosedLoop
-) -> tuple[tuple[Record, ...], tuple[Parity, ...], ClosedLoop]:
-    """Return a model that the records can tell apart, and a velocity loop that keeps its place."""
+class _Ready(NamedTuple):
+    """A record and the loop that its reference drives, what its controller shows, and its place."""
 
-    def fit(one: Record, own: ClosedLoop) -> tuple[Record, ClosedLoop]:
-        return preflight.locked(one, preflight.told_apart(records, own), gain)
-
-    gain = preflight.lock(records[0], loop)
-    pairs = [fit(r, p.loop) for r, p in zip(records, checked, strict=True)]
-    held = tuple(replace(p, loop=pair[1]) for p, pair in zip(checked, pairs, strict=True))
-    return tuple(pair[0] for pair in pairs), held, fit(records[0], loop)[1]
+    record: Record
+    loop: ClosedLoop
+    parity: Parity
+    place: Array | None = None
+    driven: bool = False  # by the recorded command
+    ramp: bool = False
 
 
-def _measured(records: Sequence[Record], checked: Sequence[Parity]) -> tuple[Measured, ...]:
+def _ready(record: Record, checked: Parity, records: Sequence[Record]) -> _Ready:
+    """Return a record with a model that the records can tell apart, in a loop that stays there.
+
+    A command that the law gives exactly is held between the samples; one that follows it by some
+    per cent was measured, as a current is, and goes straight from one to the next.
+    """
+    loop = preflight.told_apart(records, checked.loop)
+    place = record.q[:, 0] if preflight.adrift(loop) else None
+    if not preflight.rings(record, loop):
+        return _Ready(record, loop, checked, place)
+    ramp = checked.after > PARITY_POOR
+    return _Ready(*preflight.pulled(record, loop), checked, place, True, ramp)
+
+
+def _alike(loop: ClosedLoop, one: _Ready) -> ClosedLoop:
+    """Return the declared loop as it can be compared with a record's: pulled, where that is."""
+    return loop if not one.driven else replace(loop, controller=one.loop.controller)
+
+
+def _measured(ready: Sequence[_Ready]) -> tuple[Measured, ...]:
     with ThreadPoolExecutor(2) as pool:
-        return tuple(pool.map(_measure, records, checked))
+        return tuple(pool.map(_measure, ready))
 
 
 def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measured, ...]:
-    """Take back a correction of the controller that does not lower the force error."""
+    """Take back a correction of the controller that does not lower the force error.
+
+    A model that is driven by the recorded command knows no controller.
+    """
     kept = []
     for m in measured:
         p = m.parity
-        if p.mismatch and quantify.declared(loop, (m,)).force_rms <= m.base.force_rms:
-            plain = replace(p.loop, controller=replace(loop.controller, delay=p.delay))
+        if (
+            p.mismatch
+            and not m.driven
+            and quantify.declared(loop, (m,)).force_rms <= m.base.force_rms
+        ):
+            plain = replace(m.base.loop, controller=replace(loop.controller, delay=p.delay))
             p = replace(p, loop=plain, mismatch={}, tvalues={}, after=p.before, taken=False)
-            m = _measure(_as_recorded(m), p)
+            m = _measure(_Ready(_as_recorded(m), plain, p, m.fold.place))
         kept.append(m)
     return tuple(kept)
 
@@ -260,7 +295,8 @@ def _answer(
     at_controller, values = parity.effects(checked)
     shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
     effects = (*at_controller, *result.named)
-    if effects and shrink.after >= shrink.before:
+    tried = result.named if measured[-1].driven else effects  # its controller changes nothing
+    if tried and shrink.after >= shrink.before:
         found = [*found, verdict.no_better(effects, shrink)]
         effects, result = (), replace(result, fits=result.base, held=result.base, named=())
         shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
@@ -348,17 +384,17 @@ def _kept(m: Measured, rows: NDArray[np.bool_]) -> Measured:
     return replace(m, side=replace(m.side, fold=fold), base=fit)
 
 
-def _measure(record: Record, checked: Parity) -> Measured:
+def _measure(ready: _Ready) -> Measured:
     """Fit the base model, and learn the floor."""
-    loop = checked.loop
-    if record.added is not None and "added" in checked.mismatch:
+    record, loop, checked, place, driven, ramp = ready
+    if not driven and record.added is not None and "added" in checked.mismatch:
         record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
     scales = Scales(record, loop)
     values = start(Fold(record, usable(record, loop)), loop)
     if not values.get("inertia", 1.0) > 0.0:  # a pendulum or a spring that the model lacks
         values = {**values, "inertia": rough_inertia(loop, record)}
     heard = response.measure(loop, record, values)
-    fold = Fold(record, usable(record, loop), response=heard, label=record.name)
+    fold = Fold(record, usable(record, loop), np.ones(1), heard, record.name, place, ramp)
     step = steps(fold, loop, scales)
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
     fit = gauss_newton(fold, loop, values, free, step)
@@ -378,7 +414,7 @@ def _measure(record: Record, checked: Parity) -> Measured:
     fold = replace(fold, whitener=level.whitener)
     fit = gauss_newton(fold, loop, fit.values, free, step)
     rough = float(np.mean(level.event_mask))
-    return Measured(Side(fold, heard, scales, rough), fit, level, checked)
+    return Measured(Side(fold, heard, scales, rough), fit, level, checked, driven)
 
 
 def _sides(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit, ...]]:

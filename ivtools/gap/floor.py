@@ -95,12 +95,15 @@ class Measured:
         The model without effects.
     floor : Floor
     parity : Parity
+    driven : bool
+        Whether the recorded command drives the model, and no controller of it counts.
     """
 
     side: Side
     base: Fit
     floor: Floor
     parity: Parity
+    driven: bool = False
 
     @property
     def fold(self) -> Fold:

@@ -42,6 +42,10 @@ class Fold:
     response : Response, optional
         Of the command to a force: gives sensitivities without simulation.
     label : str
+    place : ndarray, (n_samples,), optional
+        Where forces that depend on the position act, if not where the simulation is.
+    ramp : bool
+        Whether an added input goes straight from sample to sample; else it is held.
     """
 
     record: Record
@@ -49,6 +53,8 @@ class Fold:
     whitener: Array = field(default_factory=lambda: np.ones(1))
     response: Response | None = None
     label: str = "record"
+    place: Array | None = None
+    ramp: bool = False
 
     @property
     def n_kept(self) -> int:
@@ -85,7 +91,9 @@ class Fold:
 
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""
-        return loop.simulate(self.record, values)
+        if self.place is None:
+            return loop.simulate(self.record, values)
+        return loop.simulate(self.record, values, place=self.place, ramp=self.ramp)
 
     def gap(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return measured minus simulated force, N or N m, (n_samples,); inf if it diverged."""
@@ -113,7 +121,10 @@ class Fold:
     def stretch(self, start: int, stop: int) -> Fold:
         """Return the fold of some samples in a row."""
         rows = slice(start, stop)
-        return replace(self, record=self.record.slice(start, stop), keep=self.keep[rows])
+        place = None if self.place is None else self.place[rows]
+        return replace(
+            self, record=self.record.slice(start, stop), keep=self.keep[rows], place=place
+        )
 
 
 def usable(record: Record, loop: ClosedLoop) -> Mask:

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from .. import checks
 from ..errors import IVToolsError, RecordError
 from ..loop import ClosedLoop, Controller
+from ..loop.bandwidth import margin_deg
 from ..loop.observer import driven_by
 from ..loop.rough_inertia import beside_position, shown_inertia
-from ..pipeline import Pipeline
+from ..pipeline import Motion, Pipeline
 from ..record import Record
 from .fit import Fit
 from .fold import usable
@@ -31,8 +32,7 @@ from .rules import (
     LEAST_SAMPLES,
     LEAST_TIME,
     LIMIT_SAMPLES,
-    LOCK,
-    LOCK_HZ,
+    MARGIN,
     MOVING,
     ONE_WAY,
     OPEN_LOOP,
@@ -103,12 +103,10 @@ def require(record: Record) -> None:
         )
 
 
-def followed(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop, list[Finding]]:
-    """Return a record with a position to follow, and the loop that follows it.
+def followed(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
+    """Return a record with a position to follow, and what to say of it.
 
-    A velocity loop's is the integral of its reference. Without a controller the model is driven by
-    the recorded command, and pulled to the measured motion by a soft controller of its own: what
-    the pull has to give is the force that the model lacks, and it does not drift away.
+    A velocity loop's is the integral of its reference; without a controller it is the motion.
 
     Raises
     ------
@@ -118,54 +116,62 @@ def followed(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop, list
     if loop.controller.kind == "none":
         text = (
             "no controller: the model is driven by the recorded command and pulled to the measured "
-            f"motion, softly ({PULL_HZ:g} Hz); the gap is the force of the pull"
+            "motion, softly; the gap is the force of the pull"
         )
-        return (*_pulled(record, loop), [Finding(text, fatal=False)])
+        return record.replace(q_ref=_smooth(record, PULL_HZ).q), [Finding(text, fatal=False)]
     if record.q_ref is not None:
-        return record, loop, []
+        return record, []
     if loop.controller.needs_position or record.dq_ref is None:
         raise RecordError(f"{record.name} has no q_ref; the simulated loop is driven by it")
     q_ref = record.q[0] + np.cumsum(record.dq_ref, axis=0) * record.dt
-    return record.replace(q_ref=q_ref), loop, []
+    return record.replace(q_ref=q_ref), []
 
 
-def _pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
-    """Return a record driven by its own command, and the loop that is pulled to its motion."""
-    hz = min(PULL_HZ, PULL_RATE * record.sampling_hz)
+def adrift(loop: ClosedLoop) -> bool:
+    """Whether nothing in a loop holds its position: a velocity loop, or none.
+
+    Simulated by itself it drifts away, and loses the phase of whatever repeats over the position
+    within some periods.
+    """
+    return loop.controller.kind in ("none", "p-velocity", "pi-velocity")
+
+
+def rings(record: Record, loop: ClosedLoop) -> bool:
+    """Whether a velocity loop hardly has a phase margin, so that none but the axis itself follows.
+
+    What little the model, or the timing of the log, is wrong by rings on and covers the gap.
+    """
+    if loop.controller.kind == "none":
+        return True
+    own = loop.controller.known(record)
     inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
-    smooth = Pipeline(min(20.0 * hz, 0.2 * record.sampling_hz), 1)  # slower: a lag of the drive
-    motion = smooth.differentiate(record.q, record.dt)
+    margin = margin_deg(replace(loop, controller=own), inertia, 0.0, record.dt)
+    return adrift(loop) and bool(margin < MARGIN)
+
+
+def pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
+    """Return a record driven by its own command, and the loop that is pulled to its motion.
+
+    What the pull has to give is the force that the model lacks.
+    """
+    inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
+    hz = _pull_hz(record, loop, inertia)
     unit = inertia * 2.0 * np.pi * hz / loop.gain
     pull = Controller("pd", {"kp": unit * 2.0 * np.pi * hz, "kd": 1.4 * unit})
+    motion = _smooth(record, hz)
     return driven_by(loop.command(record), motion, record), replace(loop, controller=pull)
 
 
-def lock(record: Record, loop: ClosedLoop) -> float:
-    """Return the gain, 1/s, that holds a velocity loop in place; 0 for any other loop.
-
-    A simulated velocity loop drifts away in position, and loses the phase of whatever depends on
-    it. A soft position loop around it, which follows the measured position, holds it there; its
-    part of the command is part of the gap.
-    """
-    own = loop.controller
-    if own.kind not in ("p-velocity", "pi-velocity"):
-        return 0.0
-    inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
-    inner = abs(loop.gain * own.settings["kv"]) / inertia  # rad/s of the velocity loop
-    return float(min(LOCK * inner, 2.0 * np.pi * LOCK_HZ))
+def _pull_hz(record: Record, loop: ClosedLoop, inertia: float) -> float:
+    """Return the natural frequency of the pull, Hz: that of a velocity loop's own."""
+    own = loop.controller.settings.get("kv")
+    hz = PULL_HZ if own is None else abs(loop.gain * own) / inertia / (2.0 * np.pi)
+    return float(min(hz, PULL_RATE * record.sampling_hz))
 
 
-def locked(record: Record, loop: ClosedLoop, gain: float) -> tuple[Record, ClosedLoop]:
-    """Return a velocity loop with a position loop of this gain around it, and what it follows."""
-    if not gain or record.q_ref is None:
-        return record, loop
-    own, dq_ref = loop.controller, record.dq_ref
-    if dq_ref is None:
-        dq_ref = np.gradient(record.q_ref, record.dt, axis=0)
-    hz = min(10.0 * gain, 0.2 * record.sampling_hz)
-    q = Pipeline(hz, 1).differentiate(record.q, record.dt).q
-    held = replace(own, kind="p-pi", settings={"ki": 0.0, **own.settings, "kp": gain})
-    return record.replace(q_ref=q, dq_ref=dq_ref), replace(loop, controller=held)
+def _smooth(record: Record, hz: float) -> Motion:
+    """Return the measured motion, smoothed well above the pull: slower, it would lag the drive."""
+    return Pipeline(min(20.0 * hz, 0.2 * record.sampling_hz), 1).differentiate(record.q, record.dt)
 
 
 def identified(record: Record, loop: ClosedLoop) -> list[Finding]:

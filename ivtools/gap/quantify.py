@@ -139,7 +139,7 @@ def declared(loop: ClosedLoop, measured: tuple[Measured, ...]) -> Fit:
     """Fit the loop as it was given, on the record that judges."""
     last = measured[-1]
     record = last.base.fold.record
-    if last.parity.mismatch.get("added"):
+    if not last.driven and last.parity.mismatch.get("added"):
         added = np.asarray(record.added) / (1.0 + last.parity.mismatch["added"])
         record = replace(record, added=added)
     fold = replace(last.side.fold, record=record)
@@ -182,7 +182,7 @@ def judge(loop: ClosedLoop, third: Measured, result: Attribution) -> Judged:
     plain = declared(loop, (third,))
     fit = result.fits[0]
     free = [n for n in fit.free if "." not in n or n in phases(fit.loop)]
-    model = replace(fit.loop, controller=third.parity.loop.controller)
+    model = replace(fit.loop, controller=third.base.loop.controller)
     start = {**fit.values, **{n: third.base.values[n] for n in third.base.free}}
     step = steps(third.fold, model, third.side.scales)
     after = gauss_newton(third.fold, model, start, free, step)

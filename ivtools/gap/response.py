@@ -87,7 +87,7 @@ def features(simulation: Simulation) -> Array:
     simulation : Simulation
         Noise-free motion and force.
     """
-    q, dq, tau = simulation.q[:, 0], simulation.dq[:, 0], simulation.tau[:, 0]
+    q, dq, tau = simulation.where, simulation.dq[:, 0], simulation.tau[:, 0]
     dt = float(simulation.t[1] - simulation.t[0])
     s, x = np.sign(dq), 2.0 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1.0
     columns = [
@@ -114,7 +114,7 @@ def waves(
     periods : mapping
         Spatial periods, m or rad, by the name of the effect that has them.
     """
-    q, dq, tau = simulation.q[:, 0], simulation.dq[:, 0], simulation.tau[:, 0]
+    q, dq, tau = simulation.where, simulation.dq[:, 0], simulation.tau[:, 0]
     columns = [
         weight(term, dq, tau) * wave(2.0 * np.pi * q / p)
         for term in terms

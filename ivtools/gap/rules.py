@@ -53,6 +53,9 @@ UNIT_R2 = 0.98
 #: and at most, of the sampling rate.
 PULL_HZ = 5.0
 PULL_RATE = 0.025
+#: Phase margin, degrees, below which a velocity loop is pulled to the motion too (judgement: the
+#: one of laas-motor has 1 to 4, those of ordinary drives 45 and more).
+MARGIN = 15.0
 #: Relative errors of gains between which the parity fit searches (physics).
 GAIN_RANGE = (-0.95, 9.0)
 #: Blocks of the covariance of the parity fit (theory: enough for a t value of 8).
@@ -98,11 +101,6 @@ MOVING = 0.5
 SAME_AXIS = 1.3
 #: Growth of the error with the other record's inertia that makes it another axis (training).
 OTHER_INERTIA = 3.0
-
-#: Bandwidth of the loop that holds a velocity loop in place, of that loop's own (theory).
-LOCK = 0.15
-#: The same at most, Hz (laas-motor: well below its cogging at working speed).
-LOCK_HZ = 3.0
 
 # --- fold: which samples count ----------------------------------------------------------------
 

@@ -138,7 +138,7 @@ def _direction(
 
 
 def _law(term: Term, index: int, shape: dict[str, float], simulation: Simulation) -> Array:
-    q, dq, ddq = (a[:, 0] for a in simulation.motion)
+    q, dq, ddq = simulation.where, simulation.dq[:, 0], simulation.ddq[:, 0]
     unit = [
         shape.get(p.name, p.neutral) if not p.linear else float(i == index)
         for i, p in enumerate(term.parameters)

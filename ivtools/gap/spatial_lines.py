@@ -46,7 +46,7 @@ def search(
     count : int
         Periods per effect.
     """
-    q, v, tau = simulation.q[:, 0], simulation.dq[:, 0], simulation.tau[:, 0]
+    q, v, tau = simulation.where, simulation.dq[:, 0], simulation.tau[:, 0]
     full = np.zeros(len(q))
     full[fold.keep] = e
     back = response.adjoint(signal.lfilter(fold.whitener, [1.0], full[::-1])[::-1])

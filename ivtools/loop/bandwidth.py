@@ -50,17 +50,39 @@ def bandwidth_hz(loop: ClosedLoop, inertia: float, viscous: float, dt: float) ->
     >>> round(bandwidth_hz(iv.axes.emps(), 95.0, 200.0, 1e-3))
     23
     """
+    return _crossover(loop, inertia, viscous, dt)[0]
+
+
+def margin_deg(loop: ClosedLoop, inertia: float, viscous: float, dt: float) -> float:
+    """Return the phase margin at that crossover, degrees, negative if unstable; NaN without one.
+
+    Parameters
+    ----------
+    loop, inertia, viscous, dt
+        As for `bandwidth_hz`.
+
+    Examples
+    --------
+    >>> import ivtools as iv
+    >>> round(margin_deg(iv.axes.emps(), 95.0, 200.0, 1e-3))
+    27
+    """
+    return _crossover(loop, inertia, viscous, dt)[1]
+
+
+def _crossover(loop: ClosedLoop, inertia: float, viscous: float, dt: float) -> tuple[float, float]:
+    """Return frequency, Hz, and phase margin, degrees, of the highest gain crossover."""
     hz = np.geomspace(1e-5, 1.0, _GRID) * 0.5 / dt
     z = np.exp(2j * np.pi * hz * dt)
     law = loop.controller.law(dt).response(z) * z**-loop.controller.delay
-    axis = axis_response(inertia, viscous, loop.delay, dt, z) * loop.gain
-    log_gain = np.log(np.maximum(np.abs(law * axis), np.finfo(float).tiny))  # (_GRID,)
+    around = law * axis_response(inertia, viscous, loop.delay, dt, z) * loop.gain
+    log_gain = np.log(np.maximum(np.abs(around), np.finfo(float).tiny))  # (_GRID,)
     above = np.flatnonzero(log_gain > 0.0)
     if not len(above):
-        return float("nan")
+        return float("nan"), float("nan")
     last = min(int(above[-1]), _GRID - 2)
     part = np.clip(log_gain[last] / (log_gain[last] - log_gain[last + 1]), 0.0, 1.0)
-    return float(hz[last] * (hz[last + 1] / hz[last]) ** part)
+    return float(hz[last] * (hz[last + 1] / hz[last]) ** part), float(np.angle(around, True)[last])
 
 
 def axis_response(inertia: float, viscous: float, late: float, dt: float, z: Response) -> Response:

@@ -315,6 +315,7 @@ class ClosedLoop(Model):
         substeps: int | None = None,
         position_noise: ArrayLike | None = None,
         force_noise: ArrayLike | None = None,
+        place: ArrayLike | None = None,
         quantum: float = 0.0,
         ramp: bool = False,
         stiction: bool = True,
@@ -333,6 +334,10 @@ class ClosedLoop(Model):
             Integration steps per sample; default: what the terms need.
         position_noise, force_noise : array_like, (n_samples,), optional
             Added to the measured position (m or rad) and to the drive force (N or N m).
+        place : array_like, (n_samples,), optional
+            Where forces and errors of the encoder that depend on the position are taken from, m or
+            rad; default: the simulated position. A velocity loop holds no position, and would lose
+            the phase of what repeats over it: there, give the measured one.
         quantum : float
             Resolution of the encoder, m or rad; 0 is none.
         ramp : bool
@@ -367,6 +372,7 @@ class ClosedLoop(Model):
             substeps=substeps,
             position_noise=position_noise,
             force_noise=force_noise,
+            place=place,
             quantum=quantum,
             ramp=ramp,
             stiction=stiction,

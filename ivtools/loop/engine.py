@@ -105,6 +105,7 @@ def simulate(
     substeps: int | None,
     position_noise: ArrayLike | None,
     force_noise: ArrayLike | None,
+    place: ArrayLike | None,
     quantum: float,
     ramp: bool,
     stiction: bool,
@@ -124,6 +125,7 @@ def simulate(
         law.known,
         _column(record.added, n) * (1.0 + values.get("controller-mismatch.added", 0.0)),
         ramp,
+        (at := _noise("place", place, n)),
         _noise("position_noise", position_noise, n),
         _pushed(record, _noise("force_noise", force_noise, n)),
         float(quantum),
@@ -134,7 +136,7 @@ def simulate(
     q, dq, ddq, nu = out[:, :, None]
     with np.errstate(over="ignore"):  # an unstable loop is reported by Simulation.finite
         tau = loop.gain * nu
-    return Simulation(record.t, q, dq, ddq, nu, tau, loop)
+    return Simulation(record.t, q, dq, ddq, nu, tau, loop, place=at if at.size else None)
 
 
 class Driven(NamedTuple):

@@ -22,8 +22,8 @@ from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW
 def measure(q, noise, quantum, p, on):
     """Return the position that the encoder reports, m or rad."""
     if on["encoder-eccentricity"]:
-        q = encoder(
-            q,
+        q = -p["apart"] + encoder(
+            q + p["apart"],
             p["encoder-eccentricity.cosine"],
             p["encoder-eccentricity.sine"],
             p["encoder-eccentricity.period"],
@@ -70,6 +70,7 @@ _MATRIX = types.Array(float64, 2, "C", readonly=True)
         boolean,
         _VECTOR,
         _VECTOR,
+        _VECTOR,
         float64,
         _VECTOR,
         _VECTOR,
@@ -97,6 +98,7 @@ def run(
     known,
     added,
     ramp,
+    place,
     position_noise,
     force_noise,
     quantum,
@@ -125,15 +127,19 @@ def run(
     what its known inputs add to the command and to its states, `gains` and `b_matrix` belong to
     the measured position and velocity, and `inner` is its state. `first` holds the commands, added
     inputs excluded, that precede the law's own: `delay` of them, then the one before the record.
+    Forces that depend on the position act at `place`, (n_samples,), if it is not empty.
     """
     samples, past = known.size, taps.size - 1
     whole, planned = drive_delay(dt, p, on)[0], plan(dt, n, p, on)
     seen, law = np.empty(past + samples), np.empty(delay + samples)
     sent, following = np.empty(whole + 1 + samples), np.empty(inner.size)
+    p["apart"] = place[0] - q_start if place.size else 0.0
     _fill_before(seen, law, sent, past, delay, whole, first, q_start, v_start, dt, p, on)
     q, v, force, gain = q_start, v_start, p["gain"] * first[delay], p["gain"]
     x, rigid, pace = (q, v, q, v, 0.0), not on["effects"], planned[1]
     for k in range(samples):
+        if place.size:
+            p["apart"] = place[k] - q
         noise = position_noise[k] if position_noise.size else 0.0
         seen[past + k] = out[0, k] = measure(q, noise, quantum, p, on)
         out[1, k] = v

@@ -21,9 +21,9 @@ from ..physics.transmission import contact, push
 _SWITCHES = ("own", "effects", "beyond", "two", "sign")
 OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user's own laws
 # what follows from the parameters: two inertias, the share of the friction that sits on the load,
-# what of the offset it hands back to the motor, stiffness, damping and gap between the masses, and
-# the stiffness of a bristle
-_DERIVED = ("motor", "load", "share", "shift", "k", "c", "gap", "bristle")
+# what of the offset it hands back to the motor, stiffness, damping and gap between the masses, the
+# stiffness of a bristle, and how far apart the place of spatial forces is from the position
+_DERIVED = ("motor", "load", "share", "shift", "k", "c", "gap", "bristle", "apart")
 _NAMES = (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN, *_DERIVED)
 # integration steps per sample, and terms of the series of a vibration
 PARAMETERS = np.dtype([(n, float) for n in _NAMES] + [("steps", np.int64), ("terms", np.int64)])
@@ -115,13 +115,13 @@ def user_law(terms):
 @compiled
 def extra_resistance(q, v, s, tau, t, p, on, user):
     """Return the force of the effects that oppose a motion in direction s, N."""
-    f, laws = 0.0, on["laws"]
+    f, laws, place = 0.0, on["laws"], q + p["apart"]
     while laws:
         bit = laws & -laws
-        f += _law(bit, q, v, s, tau, t, p)
+        f += _law(bit, place, v, s, tau, t, p)
         laws ^= bit
     if on["own"]:
-        f += _own_law(q, v, s, tau, t, p, user)
+        f += _own_law(place, v, s, tau, t, p, user)
     return f
 
 

@@ -43,6 +43,8 @@ class Simulation:
         The loop that was simulated.
     breaks : tuple of int
         Samples at which it began anew, as `Record.breaks`.
+    place : ndarray, (n_samples,), optional
+        The positions at which forces that depend on the position acted.
     """
 
     t: Array
@@ -53,6 +55,12 @@ class Simulation:
     tau: Array
     loop: ClosedLoop | RobotLoop
     breaks: tuple[int, ...] = ()
+    place: Array | None = None
+
+    @property
+    def where(self) -> Array:
+        """Where forces that depend on the position acted, m or rad, (n_samples,)."""
+        return self.q[:, 0] if self.place is None else self.place
 
     @property
     def motion(self) -> Motion:

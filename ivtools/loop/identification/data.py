@@ -54,6 +54,8 @@ class Data:
         What all columns pass, for laws with that filter behind them.
     lag : float
         Time constant, s, of a low-pass of the velocity's columns, for a filtered derivative.
+    whitener : ndarray, (p + 1,), optional
+        Polynomial in z^-1 that everything passes.
     """
 
     record: Record
@@ -65,6 +67,7 @@ class Data:
     low_pass: float | None = None
     shape: LoopFilter | None = None
     lag: float = 0.0
+    whitener: Array | None = None
 
     @classmethod
     def of(cls, loop: ClosedLoop, record: Record, logged: bool) -> Data:
@@ -176,11 +179,13 @@ class Data:
         return bool(behind > max(ahead, 0.5) or same > 0.9999)
 
     def seen(self, column: Array, late: int = 0) -> Array:
-        """Return the rows of a column, low-passed if all are; `late` looks that much ahead."""
+        """Return the rows of a column, `late` samples ahead; low-passed and whitened if all are."""
         if late:
             column = np.concatenate([column[late:], np.full(late, column[-1])])
         if self.low_pass:
             column = signal.sosfiltfilt(self._sos, column)
+        if self.whitener is not None:
+            column = signal.lfilter(self.whitener, [1.0], column)
         return column[self.rows]
 
     @cached_property

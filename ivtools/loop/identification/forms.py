@@ -18,7 +18,7 @@ ROUNDING = 1e-9  # a law that leaves less of the command than this is exact
 _PRODUCTS = 1e-12  # share of the power to which products of columns can be subtracted
 WORTH = 0.8  # one setting more must leave at most this much of the residual
 _SLIPS, _SLIP = (1e-3, 1e-6, pi / 180.0), 0.01  # mm, um or degrees for m or rad, so exactly
-_SLACK, _WEIGHT = 0.05, 1.5  # below 0, and at most, of the weight of a reference
+_SLACK = 0.05  # below 0 and above 1 of the weight of a reference
 _MOST = 4  # feed-forwards and columns beside one law
 _LEAST = 2e-3  # share of the command that a feed-forward must be
 _SAME = 1e-7  # share of a column outside of the others that is none
@@ -115,7 +115,7 @@ class Form:
 def plausible(settings: Mapping[str, float], sign: float) -> bool:
     """Whether no gain works against its error; gains in units of the command carry its sign."""
     free = {"kp", "ki"} if "kv" in settings else set()
-    if any(not -_SLACK <= settings.get(k, 0.0) <= _WEIGHT for k in ("b", "c")):
+    if any(not -_SLACK <= settings.get(k, 0.0) <= 1.0 + _SLACK for k in ("b", "c")):
         return False
     if any(abs(settings.get("b", 1.0) / slip - 1.0) < _SLIP for slip in _SLIPS):
         return False  # no weight, but a reference in another unit

@@ -88,7 +88,7 @@ def polished(data: Data, controller: Controller, steps: int = _STEPS) -> Fitted:
     law, names = Law(data, controller), tuple(_names(controller))
     e = law.resids(controller)
     for _ in range(steps):
-        J = _jacobian(law, controller, names, e)
+        J = jacobian(law, controller, names, e)
         size = np.linalg.norm(J, axis=0)
         size[size == 0.0] = 1.0
         step = np.linalg.lstsq(J / size, e, rcond=1e-9)[0] / size
@@ -101,7 +101,7 @@ def polished(data: Data, controller: Controller, steps: int = _STEPS) -> Fitted:
         e = new
         if done:
             break
-    J = _jacobian(law, controller, names, e)
+    J = jacobian(law, controller, names, e)
     return Fitted(controller, names, J, e, float(e @ e) / law.power)
 
 
@@ -120,7 +120,8 @@ def _downhill(
     return None
 
 
-def _jacobian(law: Law, controller: Controller, names: tuple[str, ...], e: Array) -> Array:
+def jacobian(law: Law, controller: Controller, names: tuple[str, ...], e: Array) -> Array:
+    """Return how a law's command changes with its settings, (rows, len(names)), from e = resids."""
     columns = []
     for i, name in enumerate(names):
         value = values(controller, (name,))[0]

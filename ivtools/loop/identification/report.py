@@ -144,7 +144,7 @@ def fit_of(
             "[drive] gain, "
             "or state the controller"
         )
-    errors = _std_errors(best)
+    errors = std_errors(best)
     return ControllerFit(
         controller=best.controller,
         std_errors=errors,
@@ -158,7 +158,7 @@ def fit_of(
     )
 
 
-def _std_errors(best: Fitted) -> dict[str, float]:
+def std_errors(best: Fitted) -> dict[str, float]:
     """Return standard errors by name; the first weight of the velocity is 1 less the others."""
     size = np.linalg.norm(best.jacobian, axis=0)
     size[size == 0.0] = 1.0

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...linalg.noise import NoiseModel
 from ...record import Record
 from ..controllers import Controller
 from ..controllers.filters import LoopFilter
 from .data import Data
 from .forms import Form, Regressions, plausible, price
-from .polish import Fitted, polished
-from .report import ControllerFit, Tried, fit_of
+from .instruments import refined
+from .polish import Fitted, polished, values
+from .report import ControllerFit, Tried, fit_of, std_errors
 
 if TYPE_CHECKING:
     from ..closed_loop import ClosedLoop
@@ -24,6 +26,8 @@ _EACH = 2  # forms of a kind that become laws, with feed-forwards and without
 _WORSE = 1e3  # times the power left of the best law from which a form is none
 _CONSTANTS = 2  # columns of a cascade's form that are no settings of it
 _PART = 5000  # samples among which a filter is looked for
+_ORDER = 20  # of the noise model at most
+_CERTAIN = 0.05  # standard error of a gain, of itself, at most, that instruments tell
 _STARTS = 2  # laws with filters that are fitted, of each sort of filter
 _UNLIKELY = 0.7  # prices of a setting that a kind must be better by if it is the less likely one
 _ALIKE = 0.2  # of the price of a setting: laws as good as each other
@@ -48,10 +52,18 @@ def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
         tried += forms
         if best is not None:
             found.append((best, data))
-    best, data = min(found, key=lambda f: f[0].criterion, default=(None, data))
+
+    def cost(one: tuple[Fitted, Data]) -> float:
+        """A velocity that a drive logs is more likely its own than differences of the position."""
+        return one[0].criterion - _UNLIKELY * price(one[1].record.n_samples) * one[1].logged
+
+    best, data = min(found, key=cost, default=(None, data))
     if best is not None and best.left > _NOISY:
-        better = _quiet(loop, data, best)
-        return fit_of(loop, *(better or (best, data)), tried)
+        best, data = _quiet(loop, data, best) or (best, data)
+        told = _instrumented(replace(data, low_pass=None), best)
+        if told is not None and _certain(told):
+            best = replace(told, left=best.left)
+        return fit_of(loop, best, data, tried)
     return fit_of(loop, best, data, tried)
 
 
@@ -193,6 +205,31 @@ def _stands(controller: Controller, fs: float) -> bool:
 
 
 # --- noise between the encoder and the log -----------------------------------------------------
+
+
+def _instrumented(data: Data, best: Fitted) -> Fitted | None:
+    """Return a law with its gains by instrumental variables, if the reference tells them.
+
+    Twice: the second time with the noise that the first answer leaves made white. Weights of the
+    velocity are more than a reference tells.
+    """
+    plain = replace(best.controller, velocity_filter=(1.0,))
+    fitted: Fitted | None = polished(data, plain, steps=0)
+    for _ in range(2):
+        fitted = refined(data, fitted)
+        if fitted is None:
+            return None
+        noise = NoiseModel.fit(fitted.resids, max_order=_ORDER, criterion="bic")
+        data = replace(data, whitener=np.append(1.0, -noise.coefficients))
+    return fitted
+
+
+def _certain(fitted: Fitted) -> bool:
+    """Whether the gains are."""
+    errors = std_errors(fitted)
+    gains = dict(zip(fitted.names, values(fitted.controller, fitted.names), strict=True))
+    own = [n for n in ("kp", "kv", "ki", "kd") if gains.get(n)]
+    return all(errors[n] < _CERTAIN * abs(gains[n]) for n in own)
 
 
 def _quiet(loop: ClosedLoop, data: Data, raw: Fitted) -> tuple[Fitted, Data] | None:
