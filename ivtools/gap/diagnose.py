@@ -199,7 +199,9 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
     try:
         ready = [_ready(r, p, records) for r, p in zip(records, checked, strict=True)]
         judge = task.judge
-        third = judge and _measure(_ready(judge, parity.check(judge, loop), records))
+        third = None
+        if judge is not None:
+            third = _measure(_ready(judge, parity.check(judge, loop), records))
         loop = _alike(preflight.told_apart(records, loop), ready[0])
         measured = _confirmed(loop, _measured(ready))
     except IVToolsError as error:

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
+from ..errors import EstimationError
+from ..limits import LARGEST
 from ..loop import Simulation
 from ..physics import EFFECTS
 from ..record import Record
@@ -125,6 +127,7 @@ def measure(fit: Fit, response: Response, raw: Array) -> Floor:
     """
     fold, keep = fit.fold, fit.fold.keep
     dt = fold.record.dt
+    _require(raw)
     simulation = fold.simulate(fit.loop, fit.values)
     columns = response(features(simulation))
     rest = _project(columns, fit, raw, keep)
@@ -152,6 +155,14 @@ def measure(fit: Fit, response: Response, raw: Array) -> Floor:
         events=stretches(mask, fold.record.t),
         event_mask=mask,
     )
+
+
+def _require(x: Array) -> None:
+    """Refuse an error that a simulation makes that has diverged."""
+    if not (np.abs(x) < LARGEST).all():
+        raise EstimationError(
+            "the simulated loop diverges: check the controller, its delay and the inertia"
+        )
 
 
 def _lines(
@@ -182,6 +193,7 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, keep: Mask) ->
     scale = np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
     basis = basis / scale
     white = signal.lfilter(whitener, [1.0], np.column_stack([basis, raw]), axis=0)[keep]
+    _require(white)
     beta = np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-7)[0]
     return np.asarray(raw - basis @ beta)
 

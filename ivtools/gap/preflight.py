@@ -141,12 +141,12 @@ def rings(record: Record, loop: ClosedLoop) -> bool:
 
     What little the model, or the timing of the log, is wrong by rings on and covers the gap.
     """
-    if loop.controller.kind == "none":
-        return True
+    if not adrift(loop) or loop.controller.kind == "none":
+        return loop.controller.kind == "none"
     own = loop.controller.known(record)
     inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
     margin = margin_deg(replace(loop, controller=own), inertia, 0.0, record.dt)
-    return adrift(loop) and bool(margin < MARGIN)
+    return bool(margin < MARGIN)
 
 
 def pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:

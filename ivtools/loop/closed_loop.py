@@ -361,7 +361,7 @@ class ClosedLoop(Model):
         from .engine import simulate
 
         if record.breaks:
-            noises = {"position_noise": position_noise, "force_noise": force_noise}
+            noises = {"position_noise": position_noise, "force_noise": force_noise, "place": place}
             options = {"substeps": substeps, "quantum": quantum, "ramp": ramp, "stiction": stiction}
             return over_stretches(self, record, theta, noises, initial=initial, **options)
         return simulate(

@@ -26,6 +26,7 @@ _EACH = 2  # forms of a kind that become laws, with feed-forwards and without
 _WORSE = 1e3  # times the power left of the best law from which a form is none
 _CONSTANTS = 2  # columns of a cascade's form that are no settings of it
 _PART = 5000  # samples among which a filter is looked for
+_INTEGRAL = 0.1  # of the proportional part, that an integral may become in a record at least
 _ORDER = 20  # of the noise model at most
 _CERTAIN = 0.05  # standard error of a gain, of itself, at most, that instruments tell
 _STARTS = 2  # laws with filters that are fitted, of each sort of filter
@@ -54,7 +55,7 @@ def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
             found.append((best, data))
 
     def cost(one: tuple[Fitted, Data]) -> float:
-        """A velocity that a drive logs is more likely its own than differences of the position."""
+        """Return a price: a velocity that a drive logs is more likely its own than differences."""
         return one[0].criterion - _UNLIKELY * price(one[1].record.n_samples) * one[1].logged
 
     best, data = min(found, key=cost, default=(None, data))
@@ -115,7 +116,16 @@ def _fitted(loop: ClosedLoop, data: Data, forms: list[Form]) -> list[Fitted]:
         controllers = form.controllers(loop.controller, data)
         count[group] = count.get(group, 0) + bool(controllers)
         found += [polished(data, c) for c in controllers]
-    return [f for f in found if plausible(f.controller.settings, data.sign)]
+    seconds = data.record.n_samples * data.record.dt
+    good = (f for f in found if plausible(f.controller.settings, data.sign))
+    return [f for f in good if _integrates(f.controller, seconds)]
+
+
+def _integrates(controller: Controller, seconds: float) -> bool:
+    """Whether an integral that a law has comes to something within a record."""
+    s = controller.settings
+    proportional = 1.0 if "kv" in s else abs(s.get("kp", 1.0))
+    return "ki" not in s or abs(s["ki"]) * seconds > _INTEGRAL * proportional
 
 
 def _chosen(loop: ClosedLoop, fitted: list[Fitted], rows: int, follows: bool) -> Fitted:
@@ -214,11 +224,12 @@ def _instrumented(data: Data, best: Fitted) -> Fitted | None:
     velocity are more than a reference tells.
     """
     plain = replace(best.controller, velocity_filter=(1.0,))
-    fitted: Fitted | None = polished(data, plain, steps=0)
+    fitted = polished(data, plain, steps=0)
     for _ in range(2):
-        fitted = refined(data, fitted)
-        if fitted is None:
+        found = refined(data, fitted)
+        if found is None:
             return None
+        fitted = found
         noise = NoiseModel.fit(fitted.resids, max_order=_ORDER, criterion="bic")
         data = replace(data, whitener=np.append(1.0, -noise.coefficients))
     return fitted
