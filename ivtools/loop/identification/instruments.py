@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from ...errors import AxisError
+from ...errors import AxisError, RecordError
 from ..controllers.seen import speed_reference
 from .data import Data
 from .forms import plausible
@@ -40,7 +40,10 @@ def refined(data: Data, fitted: Fitted) -> Fitted | None:
         The structure, and settings to begin from.
     """
     controller, names = fitted.controller, fitted.names
-    law, clean = Law(data, controller), Law(_clean(data), controller)
+    try:
+        law, clean = Law(data, controller), Law(_clean(data), controller)
+    except RecordError:  # a reference that makes no motion
+        return None
     for _ in range(_STEPS):
         e = law.resids(controller)
         J = jacobian(law, controller, names, e)
