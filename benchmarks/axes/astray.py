@@ -28,11 +28,11 @@ OFF_PERCENT, OFF_ERRORS = 20.0, 5.0
 VAGUE = 10.0  # % of relative deviation from which a result marks a parameter as not identifiable
 HEAD = """# Drawn axes, one record each: does a fit that says it converged go astray?
 
-The first {records} of the {all} axes of `population({all}, {seed})`; `benchmarks/axes/astray.py`
-goes on with the rest where its rows end. Units over eight decades, six control laws, 250 Hz to
-10 kHz, encoders of 2^11 to 2^20 counts, late drives, a fifth
-with friction of one to two times the force of acceleration; default pipeline and settings. None of
-these axes was seen before the code was frozen. {seldom} on every fifth record only.
+The first {records} of the {all} axes of `population({all}, {seed})`;
+`benchmarks/axes/astray.py` goes on with the rest where its rows end. Units over eight decades, six
+control laws, 250 Hz to 10 kHz, encoders of 2^11 to 2^20 counts, late drives, a fifth with friction
+of one to two times the force of acceleration; default pipeline and settings. None of these axes was
+seen before the code was frozen. On every fifth record only: {seldom}.
 
 - **off**: converged with a parameter more than 20 % or 5 standard errors off, records; of these
 - **unsaid**: with such a parameter that the result does not mark as known to 10 % at best.
