@@ -161,6 +161,15 @@ class Page:
             "page.html", Glossary(), page=self, version=__version__, parts=_parts(), script=script
         )
 
+    def __repr__(self) -> str:
+        return f"Page: {self.title}"
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame, as a notebook shows it."""
+        style = "width: 100%; height: 45rem; border: 1px solid #c8c8c8"
+        title, content = escape(self.title), escape(self.html())
+        return f'<iframe title="{title}" style="{style}" srcdoc="{content}"></iframe>'
+
     def fragment(self, prefix: str, live: str) -> str:
         """Return card and sections alone, as a part of a larger page.
 

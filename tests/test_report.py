@@ -1,5 +1,6 @@
 """The page: whole, harmless and well formed."""
 
+import html
 import re
 from html.parser import HTMLParser
 
@@ -86,3 +87,11 @@ def test_a_comparison_and_a_reproduction_make_pages(twin):
     fits = [iv.IDIMLS().fit(iv.Problem(twin, loop))]
     html = comparison_page(iv.compare(fits, twin), twin).html()
     assert outline(html).seen.count("figure") == 4
+
+
+def test_a_notebook_shows_a_page_in_a_frame():
+    page = Page('An "axis" & more', "Lead.")
+    frame = page._repr_html_()
+    assert repr(page) == 'Page: An "axis" & more'
+    assert html.unescape(frame.split('srcdoc="')[1].removesuffix('"></iframe>')) == page.html()
+    assert '"axis"' not in frame.split("srcdoc")[0]
