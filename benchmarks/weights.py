@@ -14,8 +14,18 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-IMPORTS = {"dask": "distributed"}
-REPEATS = 5
+IMPORTS = {
+    "dask": "distributed",
+    "matplotlib": "matplotlib.pyplot",
+    "pymoo": "pymoo.core.algorithm",
+    "scipy": "scipy.signal",
+    "statsmodels": "statsmodels.api",
+}
+REPEATS = 3
+ABOUT = (
+    "Processor time of the import, other work beside it: read it as an order. No longer in the "
+    "core: pyarrow (extra `parquet`), and pooch with requests and all that it needs."
+)
 
 
 def needs(name: str, extra: str = "") -> set[str]:
@@ -86,7 +96,7 @@ def main() -> None:
         split(project["dependencies"]),
         "| library | MB | with what only it brings, MB | import, ms |",
     )
-    lines = ["# What the libraries cost", "", __doc__.split("\n")[0], ""]
+    lines = ["# What the libraries cost", "", __doc__.split("\n")[0], "", ABOUT, ""]
     total = sum(megabytes(name) for name in closure(set(core)))
     lines += [
         f"Core, {total:.0f} MB in all (Python {sys.version.split()[0]}, {sys.platform}):",
@@ -95,7 +105,7 @@ def main() -> None:
         "|---|---|---|---|",
     ]
     lines += rows(core, set())
-    for extra in ("parquet", "methods", "mujoco", "distributed"):
+    for extra in ("parquet", "methods", "mujoco", "distributed", "app"):
         names = split(project["optional-dependencies"][extra])
         lines += ["", f"Extra `{extra}`:", "", head, "|---|---|---|---|", *rows(names, set(core))]
     out = ROOT / "benchmarks" / "results" / "weights.md"
