@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,12 +13,12 @@ from ..estimators import CLIE
 from ..loop import ClosedLoop
 from ..problem import Problem
 from ..record import Record
-from ..simulators.difference import Difference, difference
+from ..simulators.difference import CREEPS, Difference, as_simulated, difference
 from ..tables import Text, table
 from .diagnosis import Diagnosis
 from .rules import SECOND_ORDER
 
-Diagnose = Callable[..., Diagnosis]  # of a record and a holdout; named=False names nothing
+Diagnose = Callable[..., Diagnosis]  # of record, holdout and loop; named=False names nothing
 _ALL = 0.97  # of the reducible gap: what closes more needs no other answer
 
 
@@ -66,24 +66,26 @@ def against(
     First what the axis has and the simulator has not; if that leaves something, the other way
     round as well, for a simulator may have too much of an effect that cannot be negative.
     """
-    loop = loop.known(record)
+    loop = as_simulated(loop.known(record), simulated)
     pairs = [(record, simulated), (holdout, simulated_holdout)]
     logs = [(a, b) for a, b in pairs if a is not None and b is not None]
     lacking = [difference(real, sim, loop) for real, sim in logs]
-    found = diagnose(*_records(lacking))
+    found = diagnose(*_records(lacking), loop)
     answers = [(found, lacking, False)]
     enough = _closed(found) >= _ALL and len(found.effects) == 1
     if found.verdict != "adequate" and not enough:
         try:
             turned = [difference(sim, real, loop) for real, sim in logs]
-            answers.append((diagnose(*_records(turned)), turned, True))
+            answers.append((diagnose(*_records(turned), loop), turned, True))
         except IVToolsError:
             pass  # the simulator's log alone carries no diagnosis
     good = [answer for answer in answers if _material(*answer, loop)]
+    if len(good) == 2 and set(good[0][0].effects) == set(good[1][0].effects):
+        good.pop()  # an effect of either sign: the axis has it
     if good:
         return _told(*max(good, key=lambda answer: _worth(answer[0])))
     if found.effects:
-        found = replace(diagnose(*_records(lacking), named=False), verdict="adequate")
+        found = replace(diagnose(*_records(lacking), loop, named=False), verdict="adequate")
     return _told(found, lacking, False)
 
 
@@ -142,9 +144,11 @@ def changes(found: Diagnosis, pair: Difference, surplus: bool) -> dict[str, Chan
     if not found.theta:
         return {}
     values, errors = _final(found, pair.record)
+    base = pair.base.params.to_dict()
+    if f"{CREEPS}.force" in base:
+        (values, errors), (base, _) = _whole(values, errors), _whole(base, {})
     units = found.loop.units
     sign = -1.0 if surplus else 1.0
-    base = pair.base.params.to_dict()
     out = {}
     for name, value in values.items():
         have = base.get(name, 0.0)
@@ -168,7 +172,23 @@ def _final(found: Diagnosis, record: Record) -> tuple[dict[str, float], dict[str
         return dict(found.theta), {}
     if not fit.converged:
         return dict(found.theta), {}
-    return {**found.theta, **fit.params.to_dict()}, fit.std_errors.to_dict()
+    errors = fit.std_errors.to_dict()
+    parts = ["coulomb", f"{CREEPS}.force"]
+    if set(parts) <= {*errors}:  # of the sum: the parts trade with each other
+        errors["coulomb"] = float(np.sqrt(max(fit.cov.loc[parts, parts].to_numpy().sum(), 0.0)))
+    return {**found.theta, **fit.params.to_dict()}, errors
+
+
+def _whole(
+    values: Mapping[str, float], errors: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return values and standard errors with the friction that creeps in the Coulomb friction.
+
+    That it creeps is how a simulator computes friction, no setting of the axis.
+    """
+    both = values["coulomb"] + values[f"{CREEPS}.force"]
+    kept = {name: v for name, v in values.items() if not name.startswith(f"{CREEPS}.")}
+    return {**kept, "coulomb": both}, {name: e for name, e in errors.items() if name in kept}
 
 
 def changes_table(made: dict[str, Change]) -> Text:

@@ -104,7 +104,9 @@ def diagnose(
     ('asymmetric-viscous',)
     """
 
-    def found(one: Record, other: Record | None, named: bool = True) -> Diagnosis:
+    def found(
+        one: Record, other: Record | None, loop: ClosedLoop = loop, named: bool = True
+    ) -> Diagnosis:
         third = judge if simulated is None else None  # of the axis itself, not of a difference
         task = _Task(one, loop, other, third, tolerance, tuple(extra), tuple(without))
         kept = rules or Rules()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
@@ -285,18 +285,19 @@ class Diagnosis:
 
         if self.changes is None:
             return export(path, joint, self.loop, self.theta, actuator=actuator)
-        own = (term for term in self.loop.terms if term.name not in self.effects)
-        base = {name for term in own for name in term.names}
+        terms = tuple(t for t in self.loop.terms if {*t.names} & {*self.changes})
+        base = {name for t in terms if t.name not in self.effects for name in t.names}
         changes = {name: c.change for name, c in self.changes.items() if name in base}
         linear = {name for name, p in self.loop.parameters.items() if p.linear}
         values = {  # too much of an effect is taken away: what it is linear in turns its sign
             name: c.change if name in linear or not self.surplus else c.simulator
             for name, c in self.changes.items()
         }
+        start = {n: v for n, v in self.loop.start.items() if n in self.changes}
         return export(
             path,
             joint,
-            self.loop,
+            replace(self.loop, terms=terms, start=start),
             values,
             actuator=actuator,
             changes=changes,
