@@ -2,6 +2,8 @@
 
     python -m benchmarks.withheld.simulators [--seeds 10] [--first 0] [--out FOLDER]
 
+A run that is cut goes on where it stopped.
+
 Truth and model share physics that the library does not have (a pendulum under the cart or on the
 link, MuJoCo's own creeping friction). The truth has one effect more, and other base parameters.
 Axes are drawn: slide and hinge, inertias over five decades, bandwidths, rates, noise.
@@ -22,6 +24,7 @@ import pandas as pd
 
 import ivtools as iv
 from ivtools.errors import IVToolsError
+from ivtools.files import write
 from ivtools.loop import Controller
 from ivtools.physics import EFFECTS, Term
 
@@ -279,14 +282,18 @@ def main() -> None:
     given = parser.parse_args()
     assert all(name in EFFECTS for name in HIDDEN)
     warnings.simplefilter("ignore")
-    rows = []
+    given.out.mkdir(parents=True, exist_ok=True)
+    kept = given.out / "cases.csv"
+    done = pd.read_csv(kept, keep_default_na=False) if kept.exists() else pd.DataFrame()
+    rows = done.to_dict("records")
+    have = {(row["seed"], row["hidden"]) for row in rows}
     for seed, hidden in cases(range(given.first, given.first + given.seeds)):
+        if (seed, hidden or "") in have:
+            continue
         rows.append(case(seed, hidden))
         print({k: v for k, v in rows[-1].items() if k not in ("findings",)}, flush=True)
-    table = pd.DataFrame(rows)
-    given.out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(given.out / "cases.csv", index=False)
-    text = summary(table).round(3).to_string()
+        write(kept, pd.DataFrame(rows).to_csv(index=False))
+    text = summary(pd.read_csv(kept)).round(3).to_string()
     (given.out / "summary.txt").write_text(text + "\n")
     print(text)
 

@@ -154,6 +154,7 @@ def scales(problem: Problem) -> dict[str, float]:
     stroke = float(np.ptp(record.q))
     return {
         "force": force,
+        "per force": 1.0 / force if force > 0.0 else 1.0,
         "peak": float(np.max(np.abs(problem.force))),
         "speed": float(np.max(np.abs(problem.motion.dq))),
         "stroke": stroke,

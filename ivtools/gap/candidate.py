@@ -133,7 +133,10 @@ class Trial:
     @cached_property
     def distinct(self) -> bool:
         """Whether a line over position is more than a smooth law of the state could imitate."""
-        return self.term.search != "lines" or unlike_smooth(self.before, self.held) > UNLIKE_SMOOTH
+        if self.term.search != "lines":
+            return True
+        period = max(f.values[f"{self.name}.period"] for f in self.fits)
+        return unlike_smooth(self.before, self.held, period) > UNLIKE_SMOOTH
 
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates, and the force error is smaller for it."""

@@ -90,13 +90,20 @@ class Basis:
     knots: dict[str, Array]
 
     @classmethod
-    def of(cls, runs: Sequence[Simulation]) -> Basis:
-        """Return the basis that spans what several simulations have in common."""
+    def of(cls, runs: Sequence[Simulation], spacing: float = 0.0) -> Basis:
+        """Return the basis that spans what several simulations have in common.
+
+        Parameters
+        ----------
+        runs : sequence of Simulation
+        spacing : float
+            Least distance of its knots over position, m or rad.
+        """
         q, dq, tau = (np.concatenate([s[:, 0] for s in kind]) for kind in _signals(runs))
         speed = np.quantile(np.abs(dq), np.linspace(0.02, 1.0, SPEED_KNOTS))
         return cls(
             {
-                "q": np.linspace(q.min(), q.max(), POSITION_KNOTS),
+                "q": np.linspace(q.min(), q.max(), _knots(float(np.ptp(q)), spacing)),
                 "dq": np.unique(speed),
                 "load": np.linspace(0.0, float(np.max(np.abs(tau))), 4)[1:],
             }
@@ -136,16 +143,26 @@ class Basis:
         return out
 
 
-def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
-    """Return how much of an effect's gain no smooth law of the state could have, 0 to 1.
+def _knots(stroke: float, spacing: float) -> int:
+    """Return how many knots a stroke gets; below four they make no curve."""
+    most = stroke / spacing if spacing > 0.0 else float(POSITION_KNOTS)
+    return int(np.clip(most, 4, POSITION_KNOTS))
+
+
+def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
+    """Return how much of a line's gain no smooth law of the state could have, 0 to 1.
+
+    Smooth is what has no room for its periods: knots over position that are one period apart.
 
     Parameters
     ----------
     before, after : sequence of Fit
         Without and with the effect, on each fold.
+    period : float
+        Of the line over position, m or rad.
     """
     runs = [f.fold.simulate(f.loop, f.values) for f in before]
-    basis, kept = Basis.of(runs), []
+    basis, kept = Basis.of(runs, period), []
     for b, a, run in zip(before, after, runs, strict=True):
         C = _beside(b, b.fold.answers(basis.columns(run)))
         pair = _beside(b, np.column_stack([b.e - a.e, b.e]))

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 CREEPS = "regularised-coulomb"  # the friction of simulators that regularise it
 _SHIPPED_RATE, _SHIPPED_HOLD = 105.0, 0.9  # 1/s and 1, of MuJoCo's defaults: where a fit begins
-_CREEPS = 0.5  # of the misfit to the simulator's log: what it may leave to be taken
+_CREEPS = 0.9  # of the misfit to the simulator's log: what it may leave to be taken
 _SAME = 0.01  # of the stroke: references that differ by less are one
 _SHARED = 0.5  # of the record that the simulator must cover
 _SLIPS = {1e3: "mm", 1e-3: "km", 180.0 / np.pi: "degrees", np.pi / 180.0: "radians", 1e6: "µm"}
@@ -109,7 +109,7 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     start = {**loop.start, **base.params.to_dict(), "coulomb": 0.0}
     speed = friction / (_SHIPPED_RATE * _SHIPPED_HOLD * base.params["inertia"])
     soft = replace(loop, start=start).with_effect(
-        CREEPS, force=friction, speed=speed, hold=friction / _SHIPPED_HOLD
+        CREEPS, force=friction, speed=speed, hold=_SHIPPED_HOLD / friction
     )
     try:
         fit = CLIE(start="axis").fit(Problem(simulated, soft))
