@@ -211,7 +211,8 @@ def frozen(sides: tuple[Side, ...], fits: tuple[Fit, ...]) -> tuple[Fit, ...]:
 
 def _retuned(side: Side, fit: Fit, own: Fit) -> Fit:
     turned = phases(fit.loop)
-    free = [n for n in fit.free if "." not in n or n in turned]
+    base = side.scales.loop.parameters  # as declared, its own effects with it
+    free = [n for n in fit.free if n in base or n in turned]
     start = {**fit.values, **{n: own.values[n] for n in turned}}
     step = steps(side.fold, fit.loop, side.scales)
     return gauss_newton(side.fold, fit.loop, start, free, step, iterations=3)

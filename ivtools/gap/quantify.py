@@ -181,7 +181,7 @@ def judge(loop: ClosedLoop, third: Measured, result: Attribution) -> Judged:
     """Return the figures of a record that took part in nothing."""
     plain = declared(loop, (third,))
     fit = result.fits[0]
-    free = [n for n in fit.free if "." not in n or n in phases(fit.loop)]
+    free = [n for n in fit.free if n in loop.parameters or n in phases(fit.loop)]
     model = replace(fit.loop, controller=third.base.loop.controller)
     start = {**fit.values, **{n: third.base.values[n] for n in third.base.free}}
     step = steps(third.fold, model, third.side.scales)

@@ -14,7 +14,9 @@ from ..loop import ClosedLoop
 from ..units import quantity
 from .attribute import Attribution
 from .candidate import phases
+from .fit import Fit, gauss_newton, steps
 from .floor import Measured
+from .library import Scales
 from .parity import Parity
 from .preflight import Finding
 from .quantify import Shrink
@@ -89,9 +91,18 @@ def changes(result: Attribution, tolerance: float) -> dict[str, Setting]:
         t = abs(a - b) / max(float(spread), 1e-300)
         p = one.loop.parameters[name]
         size = 0.5 * abs(a + b) if p.lower >= 0.0 else tolerance / 100.0 * force / CHANGED_BY
-        if t > CHANGED_T and abs(a - b) > CHANGED_BY * size:
+        large = t > CHANGED_T and abs(a - b) > CHANGED_BY * size
+        if large and _needed(one, name, b) and _needed(two, name, a):
             found[name] = Setting(a, b, t, p.unit_for(one.loop.joint))
     return found
+
+
+def _needed(fit: Fit, name: str, value: float) -> bool:
+    """Whether no other base parameter makes up for the other record's value of this one."""
+    step = steps(fit.fold, fit.loop, Scales(fit.fold.record, fit.loop))
+    others = [n for n in fit.free if n != name]
+    moved = gauss_newton(fit.fold, fit.loop, {**fit.values, name: value}, others, step)
+    return (moved.cost - fit.cost) * len(fit.e) > CHANGED_T**2
 
 
 def decide(
