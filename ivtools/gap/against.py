@@ -13,10 +13,10 @@ from ..estimators import CLIE
 from ..loop import ClosedLoop
 from ..problem import Problem
 from ..record import Record
-from ..simulators.difference import CREEPS, Difference, as_simulated, difference
+from ..simulators.difference import CREEPS, Difference, as_simulated, difference, dry
 from ..tables import Text, table
 from .diagnosis import Diagnosis
-from .rules import SECOND_ORDER
+from .rules import SECOND_ORDER, STICKS
 
 Diagnose = Callable[..., Diagnosis]  # of record, holdout and loop; named=False names nothing
 _ALL = 0.97  # of the reducible gap: what closes more needs no other answer
@@ -63,8 +63,9 @@ def against(
 ) -> Diagnosis:
     """Diagnose what a simulator lacks; see `ivtools.diagnose`.
 
-    First what the axis has and the simulator has not; if that leaves something, the other way
-    round as well, for a simulator may have too much of an effect that cannot be negative.
+    First what the axis has and the simulator has not; if that leaves something, or names a law of
+    friction, of which less looks like more of another, the other way round as well: a simulator may
+    have too much of an effect that cannot be negative.
     """
     loop = as_simulated(loop.known(record), simulated)
     pairs = [(record, simulated), (holdout, simulated_holdout)]
@@ -72,7 +73,8 @@ def against(
     lacking = [difference(real, sim, loop) for real, sim in logs]
     found = diagnose(*_records(lacking), loop)
     answers = [(found, lacking, False)]
-    enough = _closed(found) >= _ALL and len(found.effects) == 1
+    alike = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
+    enough = _closed(found) >= _ALL and len(found.effects) == 1 and not alike
     if found.verdict != "adequate" and not enough:
         try:
             turned = [difference(sim, real, loop) for real, sim in logs]
@@ -89,9 +91,10 @@ def against(
     return _told(found, lacking, False)
 
 
-def _worth(found: Diagnosis) -> tuple[float, int]:
-    """Return how far an answer closes the gap, then how few effects it takes."""
-    return min(_closed(found), _ALL), -len(found.effects)
+def _worth(found: Diagnosis) -> tuple[float, int, float]:
+    """Return how far an answer closes the gap, how few effects it takes, and what it leaves."""
+    left = found.shrink.after if found.shrink else 0.0
+    return min(_closed(found), _ALL), -len(found.effects), -left
 
 
 def _material(found: Diagnosis, pairs: list[Difference], surplus: bool, loop: ClosedLoop) -> bool:
@@ -126,7 +129,8 @@ def _told(found: Diagnosis, pairs: list[Difference], surplus: bool) -> Diagnosis
     whose = "the simulator has and the axis lacks" if surplus else "your simulator lacks"
     what = ", ".join(found.effects) or "nothing but other parameters"
     notes = tuple(dict.fromkeys(note for pair in pairs for note in pair.notes))
-    told = (f"{whose}: {what}", *notes)
+    creeps = "at standstill your simulator's friction creeps, the axis sticks"
+    told = (f"{whose}: {what}", *((creeps,) if sticks(found, pairs[0]) else ()), *notes)
     return replace(
         found,
         changes=made,
@@ -146,7 +150,8 @@ def changes(found: Diagnosis, pair: Difference, surplus: bool) -> dict[str, Chan
     values, errors = _final(found, pair.record)
     base = pair.base.params.to_dict()
     if f"{CREEPS}.force" in base:
-        (values, errors), (base, _) = _whole(values, errors), _whole(base, {})
+        values = values if sticks(found, pair) else _whole(values)
+        base = _whole(base)
     units = found.loop.units
     sign = -1.0 if surplus else 1.0
     out = {}
@@ -179,16 +184,20 @@ def _final(found: Diagnosis, record: Record) -> tuple[dict[str, float], dict[str
     return {**found.theta, **fit.params.to_dict()}, errors
 
 
-def _whole(
-    values: Mapping[str, float], errors: Mapping[str, float]
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Return values and standard errors with the friction that creeps in the Coulomb friction.
+def sticks(found: Diagnosis, pair: Difference) -> bool:
+    """Whether the axis sticks at standstill where its simulator creeps."""
+    base = pair.base.params.to_dict()
+    return f"{CREEPS}.force" in base and dry(found.theta) - dry(base) > STICKS
+
+
+def _whole(values: Mapping[str, float]) -> dict[str, float]:
+    """Return values with the friction that creeps in the Coulomb friction.
 
     That it creeps is how a simulator computes friction, no setting of the axis.
     """
     both = values["coulomb"] + values[f"{CREEPS}.force"]
     kept = {name: v for name, v in values.items() if not name.startswith(f"{CREEPS}.")}
-    return {**kept, "coulomb": both}, {name: e for name, e in errors.items() if name in kept}
+    return {**kept, "coulomb": both}
 
 
 def changes_table(made: dict[str, Change]) -> Text:

@@ -367,3 +367,6 @@ class Rules:
 #: difference of two logs is right to first order only (judgement on a few drawn models: a lag
 #: named where only parameters differ explained 0.04 of it, two effects that were missed 0.07, 0.2).
 SECOND_ORDER = 0.05
+#: Share of dry friction by which an axis must exceed its simulator's to be said to stick where
+#: that creeps (judgement; EMPS against MuJoCo as it ships: 0.49 against 0).
+STICKS = 0.2

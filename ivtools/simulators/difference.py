@@ -8,6 +8,7 @@ record says what the simulator lacks.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,8 @@ Array = NDArray[np.float64]
 
 CREEPS = "regularised-coulomb"  # the friction of simulators that regularise it
 _SHIPPED_RATE, _SHIPPED_HOLD = 105.0, 0.9  # 1/s and 1, of MuJoCo's defaults: where a fit begins
-_CREEPS = 0.98  # of the misfit to the simulator's log: what it may leave to be taken (other joints leave most)
+_CREEPS = 0.98  # of the misfit to the simulator's log: what it may leave (other joints leave most)
+_DRY = 0.2  # of its friction: what may still be dry where a simulator's friction creeps
 _SAME = 0.01  # of the stroke: references that differ by less are one
 _SHARED = 0.5  # of the record that the simulator must cover
 _SLIPS = {1e3: "mm", 1e-3: "km", 180.0 / np.pi: "degrees", np.pi / 180.0: "radians", 1e6: "µm"}
@@ -114,9 +116,16 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     try:
         fit = CLIE(start="axis").fit(Problem(simulated, soft))
         better = _misfit(soft, simulated, fit) < _CREEPS * _misfit(loop, simulated, base)
+        better = better and abs(dry(fit.params.to_dict())) < _DRY
     except IVToolsError:
         return loop
     return replace(soft, start={**soft.start, **fit.params.to_dict()}) if better else loop
+
+
+def dry(values: Mapping[str, float]) -> float:
+    """Return the share of dry friction that holds an axis at standstill."""
+    whole = values["coulomb"] + values[f"{CREEPS}.force"]
+    return values["coulomb"] / whole if whole > 0.0 else 1.0
 
 
 def _misfit(loop: ClosedLoop, simulated: Record, fit: FitResults) -> float:

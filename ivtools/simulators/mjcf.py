@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, pi, sin
+from math import cos, expm1, pi, sin
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -269,10 +269,14 @@ def _timing(axis: Axis) -> tuple[float, float]:
     mujoco, k = engine(), axis.actuator
     if k < 0 or axis.kp or axis.kv:  # then the reference is late, not the force
         return 0.0, 0.0
-    kinds = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
-    lags = axis.model.actuator_dyntype[k] in kinds
-    delay = float(axis.model.actuator_delay[k])
-    return delay, float(axis.model.actuator_dynprm[k, 0]) if lags else 0.0
+    step, kind = float(axis.model.opt.timestep), axis.model.actuator_dyntype[k]
+    delay, lag = float(axis.model.actuator_delay[k]), float(axis.model.actuator_dynprm[k, 0])
+    whole = max(delay, step) if delay > 0.0 else 0.0
+    if kind not in (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT) or lag <= 0.0:
+        return whole, 0.0
+    # how late a ramp comes through the filter in steps of time, a step earlier if it acts early
+    late = lag if kind == mujoco.mjtDyn.mjDYN_FILTER else -step / expm1(-step / lag)
+    return whole, max(late - step * bool(axis.model.actuator_actearly[k]), 0.0)
 
 
 def _law(axis: Axis) -> Controller:

@@ -17,6 +17,7 @@ from ivtools.errors import AxisError
 from ivtools.files import write
 from ivtools.loop import ClosedLoop
 from ivtools.physics import Term
+from ivtools.simulators.difference import CREEPS
 from ivtools.simulators.mjcf import Axis, closed_loop, engine
 from ivtools.simulators.mjcf_writer import Writer, number
 from ivtools.xml_file import parsed
@@ -109,6 +110,10 @@ def export(
         if term.law is not None:
             beside[term] = values
         writer.comment(f"not held by MuJoCo: {_formula(term, values, loop.joint)}")
+    if CREEPS in (
+        term.name for term in loop.terms
+    ):  # beside it, what is dry must not creep as well
+        writer.stiff()
     writer.finish()
     return Export(_text(writer.tree), tuple(native), beside, tuple(lost))
 

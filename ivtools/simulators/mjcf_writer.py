@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from copy import copy
-from math import atan2, ceil, hypot, pi
+from math import atan2, ceil, hypot, log, pi
 from typing import Any
 
 from ivtools.errors import AxisError
@@ -193,9 +193,13 @@ class Writer:
         if (
             value > 0.0 == self.axis.model.dof_frictionloss[self.axis.dof]
         ):  # else it creeps as it did
-            for key, text in _DRY.items():
-                self.joint.set(key, text)
+            self.stiff()
         return True
+
+    def stiff(self) -> None:
+        """Let dry friction hold at standstill."""
+        for key, text in _DRY.items():
+            self.joint.set(key, text)
 
     def asymmetric(self, vpos: float, cpos: float, vneg: float, cneg: float) -> bool:
         """Write the part of a friction that is the same in both directions."""
@@ -251,15 +255,17 @@ class Writer:
             or self.axis.kv
         ):
             return False  # what its own controller gets would be late, not what it gives
-        if delay > 0.0:
-            samples = ceil(delay / float(self.axis.model.opt.timestep)) + 2
-            element.set("delay", number(delay + float(element.get("delay") or 0.0)))
-            element.set("nsample", str(samples))
+        step = float(self.axis.model.opt.timestep)
+        delay += float(element.get("delay") or 0.0)
+        if delay > 0.5 * step:  # MuJoCo has none below a step
+            element.set("delay", number(max(delay, step)))
+            element.set("nsample", str(ceil(delay / step) + 2))
             element.set("interp", "linear")
         if lag > 0.0:
             element.tag = "general"
             element.set("dyntype", "filterexact")
-            element.set("dynprm", number(lag))
+            element.set("actearly", "true")
+            element.set("dynprm", number(step / log((lag + step) / lag)))  # late by `lag` in all
         return True
 
     def saturation(self, limit: float) -> bool:
