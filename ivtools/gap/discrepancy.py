@@ -22,6 +22,8 @@ from .rules import (
     DISCREPANCY_PART,
     DISCREPANCY_SIZE,
     DISCREPANCY_T,
+    LEAST_KNOTS,
+    MOST_KNOTS,
     PENALTIES,
     POSITION_KNOTS,
     SPEED_KNOTS,
@@ -144,32 +146,45 @@ class Basis:
 
 
 def _knots(stroke: float, spacing: float) -> int:
-    """Return how many knots a stroke gets; below four they make no curve."""
-    most = stroke / spacing if spacing > 0.0 else float(POSITION_KNOTS)
-    return int(np.clip(most, 4, POSITION_KNOTS))
+    """Return how many knots a stroke gets."""
+    if spacing <= 0.0:
+        return POSITION_KNOTS
+    return int(np.clip(stroke / spacing, LEAST_KNOTS, MOST_KNOTS))
 
 
 def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
-    """Return how much of a line's gain no smooth law of the state could have, 0 to 1.
+    """Return how much of what lies over position is a line, and no law of the state, 0 to 1.
 
-    Smooth is what has no room for its periods: knots over position that are one period apart.
+    A smooth law has no room for the line's periods: knots over position that are one period apart.
+    Another law, with four knots a period, takes what the line leaves: bumps are no line.
 
     Parameters
     ----------
     before, after : sequence of Fit
-        Without and with the effect, on each fold.
+        Without and with the line, on each fold.
     period : float
         Of the line over position, m or rad.
     """
     runs = [f.fold.simulate(f.loop, f.values) for f in before]
-    basis, kept = Basis.of(runs, period), []
+    smooth, bumps, kept = Basis.of(runs, period), Basis.of(runs, 0.25 * period), []
     for b, a, run in zip(before, after, runs, strict=True):
-        C = _beside(b, b.fold.answers(basis.columns(run)))
-        pair = _beside(b, np.column_stack([b.e - a.e, b.e]))
-        scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
-        rest = pair - (C / scale) @ np.column_stack([normal(C / scale, x, 1e-5) for x in pair.T])
-        kept.append(_explained(rest) / max(_explained(pair), 1e-300))
+        known = _beside(b, b.fold.answers(smooth.columns(run)))
+        pair = _beside(b, np.column_stack([b.e - a.e, b.e, a.e]))
+        beyond = _without(known, pair)
+        line = _explained(beyond[:, :2])
+        over = bumps.part("q")
+        other = _without(known, _beside(b, b.fold.answers(bumps.columns(run)[:, over])))
+        left = beyond[:, 2] - _without(other, beyond[:, 2:])[:, 0]
+        left_energy = max(float(left @ left) - other.shape[1], 0.0)  # the floor is one a column
+        share = line / max(_explained(pair[:, :2]), 1e-300)
+        kept.append(share * line / max(line + left_energy, 1e-300))
     return min(kept)
+
+
+def _without(columns: Array, x: Array) -> Array:
+    """Return what is left of whitened signals (n, k) beside some columns (n, m)."""
+    C = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.asarray(x - C @ np.column_stack([normal(C, y, 1e-5) for y in x.T]))
 
 
 def _explained(pair: Array) -> float:

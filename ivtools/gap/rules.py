@@ -231,7 +231,10 @@ AT_CONTROLLER = 0.98
 
 #: Knots over position (theory: what is finer is a line over position).
 POSITION_KNOTS = 16
-#: Share of the gain of a line over position that no smooth law of the state has (training).
+#: The same at least, of a law without room for a line's periods: of two or three nobody can tell
+#: whether they are a line (judgement), and at most, of bumps as short as a period (numerics).
+LEAST_KNOTS, MOST_KNOTS = 8, 64
+#: Share of what lies over position that must be a line, not a law of the state (training).
 UNLIKE_SMOOTH = 0.5
 #: Penalties on roughness that are tried, relative to the size of the columns (training).
 PENALTIES = (1e-4, 1e-2, 1.0, 100.0)
