@@ -148,7 +148,7 @@ def changes(found: Diagnosis, pair: Difference, surplus: bool) -> dict[str, Chan
     if not found.theta:
         return {}
     values, errors = _final(found, pair.record)
-    base = pair.base.params.to_dict()
+    base = {str(n): float(v) for n, v in pair.base.params.items()}
     if f"{CREEPS}.force" in base:
         values = values if sticks(found, pair) else _whole(values)
         base = _whole(base)
@@ -186,7 +186,7 @@ def _final(found: Diagnosis, record: Record) -> tuple[dict[str, float], dict[str
 
 def sticks(found: Diagnosis, pair: Difference) -> bool:
     """Whether the axis sticks at standstill where its simulator creeps."""
-    base = pair.base.params.to_dict()
+    base = {str(n): float(v) for n, v in pair.base.params.items()}
     return f"{CREEPS}.force" in base and dry(found.theta) - dry(base) > STICKS
 
 

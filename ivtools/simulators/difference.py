@@ -108,7 +108,8 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     friction = base.params.get("coulomb", 0.0)
     if friction <= 0.0 or CREEPS in (t.name for t in loop.terms):
         return loop
-    start = {**loop.start, **base.params.to_dict(), "coulomb": 0.0}
+    fitted = {str(name): float(value) for name, value in base.params.items()}
+    start = {**loop.start, **fitted, "coulomb": 0.0}
     speed = friction / (_SHIPPED_RATE * _SHIPPED_HOLD * base.params["inertia"])
     soft = replace(loop, start=start).with_effect(
         CREEPS, force=friction, speed=speed, hold=_SHIPPED_HOLD / friction
@@ -116,7 +117,7 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     try:
         fit = CLIE(start="axis").fit(Problem(simulated, soft))
         better = _misfit(soft, simulated, fit) < _CREEPS * _misfit(loop, simulated, base)
-        better = better and abs(dry(fit.params.to_dict())) < _DRY
+        better = better and abs(dry({str(n): float(v) for n, v in fit.params.items()})) < _DRY
     except IVToolsError:
         return loop
     return replace(soft, start={**soft.start, **fit.params.to_dict()}) if better else loop
