@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap.discrepancy import Basis
 from ivtools.gap.preflight import overlap, told_apart
+from ivtools.gap.smooth import Basis
 from ivtools.physics import Parameter, Term
 
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -80,6 +81,38 @@ def test_what_has_no_name_is_described():
     assert left["over"][0] == "q" and left["repeats"] and left["unit"] == "N"
     assert 1.5 < left["rms"] < 6.0
     assert gap.verdict == "unexplained" and "left: a force of" in gap.summary()
+
+
+def worn(q, dq, ddq, sign, tau, t, size):
+    """Friction that is periodic over position: no effect of the library is."""
+    return size * np.cos(2.0 * np.pi * q / 0.007) * sign
+
+
+WORN = Term("worn", "mechanics", (Parameter("size", "{F}"),), "worn spots", "a test", law=worn)
+
+
+def test_periodic_friction_is_not_taken_for_cogging():
+    loop = iv.axes.emps().with_effect(WORN, size=2.5)
+    records = record(10, loop), record(11, loop)
+    assert iv.diagnose(records[0], iv.axes.emps(), records[1]).effects == ()
+    found = iv.diagnose(records[0], iv.axes.emps(), records[1], extra=(WORN,))
+    assert found.effects == ("worn",)  # it is there to be seen
+
+
+def belted(seed):
+    """Return a record with a force that a move leaves behind and that fades within 0.5 s."""
+    loop, plain = iv.axes.emps(), record(seed)
+    dq, a = loop.simulate(plain, BASE).dq[:, 0], np.exp(-plain.dt / 0.5)
+    force = -40.0 * signal.lfilter([1.0 - a], [1.0, -a], dq)
+    noise = np.random.default_rng(seed).normal(size=plain.n_samples)
+    run = loop.simulate(plain, BASE, force_noise=force + 0.6 * noise)
+    return iv.Record(plain.t, q=run.q, q_ref=plain.q_ref, nu=run.nu)
+
+
+def test_a_force_with_a_memory_is_described_and_not_adequate():
+    gap = iv.diagnose(belted(12), iv.axes.emps(), belted(13))
+    assert gap.effects == () and gap.verdict == "unexplained"
+    assert gap.discrepancy.over[0] == "past" and "the motion before" in gap.summary()
 
 
 def test_hat_functions_add_up_to_one():

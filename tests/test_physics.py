@@ -141,3 +141,10 @@ def test_a_term_of_the_user_s_own_takes_its_law_along():
     own = Term("mine", "mechanics", (Parameter("a", "{F}"),), "3 a dq", "nobody", law=law)
     sent = pickle.loads(pickle.dumps(own))
     assert sent == own and sent.law(0.0, 2.0, 0.0, 1.0, 0.0, 0.0, 5.0) == 30.0
+
+
+def test_friction_of_a_simulator_takes_up_its_share_of_the_drive_force_at_rest():
+    law, zero = TERMS["regularised-coulomb"], np.zeros(3)
+    tau = np.array([1.0, -2.0, 30.0])
+    held = law.force(zero, zero, zero, (5.0, 0.01, 0.93 / 5.0), tau)
+    assert np.allclose(held, [0.93, -1.86, 5.0])

@@ -13,7 +13,7 @@ from ivtools.loop.axis_file import from_tables
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks.withheld import axes, calibration, cells, motions, scores, truth  # noqa: E402
+from benchmarks.withheld import axes, calibration, cells, motions, scores, truth, unknowns  # noqa: E402
 from benchmarks.withheld.cases import DETECTABLE, draw  # noqa: E402
 from benchmarks.withheld.experiments import Experiment, play, record, signature  # noqa: E402
 from benchmarks.withheld.run import done, run  # noqa: E402
@@ -105,6 +105,20 @@ def test_a_case_is_visible_and_its_command_off_the_limit(effect):
     else:
         assert case.label["signature"][effect] >= DETECTABLE
     assert not set(case.axis.tables()["axis"]) & {"effects", "label"}
+
+
+@pytest.mark.parametrize("kind", unknowns.KINDS)
+def test_a_background_without_a_name_comes_again(kind):
+    rng = np.random.default_rng(0)
+    path = motions.draw(rng, "moves", N)
+    one, two = unknowns.draw(rng, kind, [path, path])
+    assert np.array_equal(one, two) and 0.8 <= np.std(one) <= 6.0
+
+
+def test_a_case_with_a_background_without_a_name_shows_it():
+    case = draw(Task("unknown", 0, (), ("smooth",)))
+    assert case.label["unknown"] >= 0.5 and case.label["effects"] == []
+    assert np.std(case.steady[0]) > 0.0
 
 
 def test_the_true_figure_of_the_true_model_is_the_floor():

@@ -76,9 +76,10 @@ def _attempt(task: Task, rng: np.random.Generator) -> Case | None:
         size = rng.uniform(0.5, 1.5) * rng.choice([-1.0, 1.0])
         refs, steady = [b.ref for b in found], [size * b.force for b in found]
         motion = motion if task.detail[0] == "moved" else "emps"
-    if task.suite == "unknown":
-        steady = [b.force for b in unknowns.draw(rng, *task.detail, refs)]
     quiet = [_noisy(rng, axis, ref, motions.pulses(rng, axis, len(ref))) for ref in refs]
+    if task.suite == "unknown":
+        paths = [play(axis, {}, x.silent())[2] for x in quiet]
+        steady = unknowns.draw(rng, *task.detail, paths)
     values = {e: EFFECTS[e](rng) for e in task.effects}
     if task.suite == "small":
         values = _sized(axis, values, quiet, float(task.detail[0]))

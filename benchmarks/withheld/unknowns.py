@@ -1,6 +1,6 @@
 """Backgrounds that no effect of the library is: forces that come again and have no name there.
 
-Each is a force along the motion that is asked for, which a stiff loop follows closely.
+Each is a force along the motion that the axis makes without it, which a stiff loop hardly leaves.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import numpy as np
 from scipy import signal
 
 from .axes import DT
-from .backgrounds import Background
 
 _STROKE, _SPEED, _FORCE = 0.245, 0.15, 20.0  # m, m/s, N: of the motions and axes that are drawn
 
@@ -119,13 +118,13 @@ KINDS: dict[str, Draw] = {
 }
 
 
-def draw(rng: np.random.Generator, kind: str, refs: list[np.ndarray]) -> list[Background]:
-    """Return one unknown force along the motions of both records, m.
+def draw(rng: np.random.Generator, kind: str, paths: list[np.ndarray]) -> list[np.ndarray]:
+    """Return one unknown force, N, (n_samples,), along the positions of both records, m.
 
     Its size is 4 to 30 % of the dry friction of the axes that are drawn, rms.
     """
     force = KINDS[kind](rng)
-    both = [force(ref, np.gradient(ref, DT)) for ref in refs]
+    both = [force(q, np.gradient(q, DT)) for q in paths]
     size = _FORCE * 10.0 ** rng.uniform(np.log10(0.04), np.log10(0.3))
     scale = size / float(np.sqrt(np.mean([np.var(f) for f in both])))
-    return [Background(ref, -scale * f) for ref, f in zip(refs, both, strict=True)]
+    return [-scale * f for f in both]

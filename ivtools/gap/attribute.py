@@ -31,6 +31,7 @@ from .rules import (
     ROUGH,
     SUPERFLUOUS,
     SUREST,
+    UNNAMED,
     WEIGHTS,
     WORTH_A_FIT,
     Rules,
@@ -60,6 +61,10 @@ class Evidence:
         Share of the whole reducible gap that it removes.
     left : float
         Whitened energy that it and the effects named before it leave; 1 is the floor.
+    explained : float
+        Of what it removes and what has no name in the end, the share that it removes.
+    unlike : float
+        Share of its gain that no smooth law of the state could have, known or not; 0 to 1.
     """
 
     gain: float
@@ -68,13 +73,17 @@ class Evidence:
     rival: float
     share: float
     left: float
+    explained: float = 1.0
+    unlike: float = 1.0
 
     def to_dict(self) -> dict[str, float]:
         """Return the JSON of the evidence."""
         return asdict(self)
 
 
-def evidence(trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit]) -> Evidence:
+def evidence(
+    trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit], held: Sequence[Fit] = ()
+) -> Evidence:
     """Return what speaks for the effect of a trial.
 
     Parameters
@@ -84,6 +93,8 @@ def evidence(trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit]) -> Evid
         What else was tried in the same round, and is distinguishable from it.
     base : sequence of Fit
         The model without any effect.
+    held : sequence of Fit
+        The model with all that is named; without it, all that is left may yet get a name.
     """
     whole = max(float(np.mean([b.cost for b in base])) - 1.0, 1e-9)
     return Evidence(
@@ -93,7 +104,14 @@ def evidence(trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit]) -> Evid
         rival=max([0.0, *(r.gain / trial.gain for r in rivals)]),
         share=trial.removed / whole,
         left=float(np.mean([h.cost for h in trial.held])),
+        explained=_explained(trial, held) if held else 1.0,
+        unlike=trial.unlike,
     )
+
+
+def _explained(trial: Trial, held: Sequence[Fit]) -> float:
+    unnamed = max(cost(held) - UNNAMED, 0.0)
+    return float(np.clip(trial.removed / max(trial.removed + unnamed, 1e-9), 0.0, 1.0))
 
 
 def features(proof: Evidence) -> dict[str, float]:
@@ -105,7 +123,8 @@ def features(proof: Evidence) -> dict[str, float]:
         "t": float(np.log(max(proof.t, 1.0))),
         "disagreement": float(np.log(min(max(proof.disagreement, 1.0), 4.0))),
         "rival": float(np.clip(proof.rival, 0.0, 1.0)),
-        "share": float(np.log(np.clip(removed / gap, 1e-3, 1.0))),
+        "share": proof.unlike * float(np.log(np.clip(removed / gap, 1e-3, 1.0))),
+        "explained": (1.0 - proof.unlike) * float(np.log(np.clip(proof.explained, 0.05, 1.0))),
     }
 
 
@@ -231,7 +250,7 @@ def play(
     return Round(_gains(found), trials, scores, tuple(qualified))
 
 
-def cost(fits: tuple[Fit, ...]) -> float:
+def cost(fits: Sequence[Fit]) -> float:
     """Return the mean square of the whitened error, mean of the folds."""
     return float(np.mean([f.cost for f in fits]))
 
@@ -362,7 +381,9 @@ class Attribution:
     def evidence(self) -> dict[str, Evidence]:
         """Per named effect, what speaks for it."""
         return {
-            n: evidence(b, [t for t in r.trials if t not in (b, *self._rivals(r))], self.base)
+            n: evidence(
+                b, [t for t in r.trials if t not in (b, *self._rivals(r))], self.base, self.held
+            )
             for n, (r, b) in self._winners.items()
         }
 
@@ -406,7 +427,21 @@ def attribute(
             break
     fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
     kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
-    return Attribution(base, fits, held, tuple(kept), rules, tuple(rounds))
+    return _withdrawn(sides, Attribution(base, fits, held, tuple(kept), rules, tuple(rounds)))
+
+
+def _withdrawn(sides: tuple[Side, ...], result: Attribution) -> Attribution:
+    """Take back names, the least likely first, that what is left in the end makes doubtful."""
+    while result.named:
+        chances = {n: probability(proof) for n, proof in result.evidence.items()}
+        worst = min(chances, key=lambda n: chances[n])
+        if chances[worst] >= LIKELY:
+            break
+        fits = tuple(_without(s, f, worst) for s, f in zip(sides, result.fits, strict=True))
+        named = tuple(n for n in result.named if n != worst)
+        held = frozen(sides, fits) if named else result.base
+        result = replace(result, fits=fits if named else result.base, held=held, named=named)
+    return result
 
 
 def _doubtful(best: Trial, last: Round, base: tuple[Fit, ...], rules: Rules) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +13,6 @@ from scipy.optimize import Bounds, differential_evolution
 
 from ..loop import ClosedLoop
 from ..physics import Term
-from .discrepancy import unlike_smooth
 from .fit import Fit, gauss_newton, steps
 from .fold import Fold, Side
 from .library import Box, Scales, alternatives
@@ -21,6 +20,7 @@ from .rules import (
     CROWD,
     GENERATIONS,
     MUTATION,
+    OTHER_WAVE_T,
     RECOMBINATION,
     UNLIKE_SMOOTH,
     VALLEY_DEPTH,
@@ -31,6 +31,7 @@ from .rules import (
     Threshold,
 )
 from .screen import Score
+from .smooth import a_line, other_waves, unlike_smooth
 
 Array = NDArray[np.float64]
 
@@ -131,12 +132,26 @@ class Trial:
         return after < before
 
     @cached_property
+    def unlike(self) -> float:
+        """Share of its gain that no smooth law of the state could have, 0 to 1."""
+        if self.term.search == "lines":
+            period = max(f.values[f"{self.name}.period"] for f in self.fits)
+            return float(np.clip(a_line(self.before, self.held, period), 0.0, 1.0))
+        return float(np.clip(unlike_smooth(self.before, self.held), 0.0, 1.0))
+
+    @cached_property
     def distinct(self) -> bool:
-        """Whether a line over position is more than a smooth law of the state could imitate."""
+        """Whether a line over position is no smooth law of the state, and no other wave."""
         if self.term.search != "lines":
             return True
-        period = max(f.values[f"{self.name}.period"] for f in self.fits)
-        return unlike_smooth(self.before, self.held, period) > UNLIKE_SMOOTH
+        waves = other_waves(self.before, [f.values[f"{self.name}.period"] for f in self.held])
+        better = all(_t(self._over(w)) > OTHER_WAVE_T for w in waves)
+        return self.unlike > UNLIKE_SMOOTH and better
+
+    def _over(self, errors: Sequence[Array]) -> Array:
+        """Return by how much it does better than what leaves these errors, by block."""
+        both = zip(self.held, errors, strict=True)
+        return np.concatenate([h.fold.block_sums(e**2 - h.e**2) for h, e in both])
 
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates, and the force error is smaller for it."""

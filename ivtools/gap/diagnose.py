@@ -28,11 +28,12 @@ from .fold import Fold, Side, usable
 from .library import Scales
 from .parity import Parity
 from .rules import (
-    ADEQUATE,
     AT_CONTROLLER,
     BEYOND,
     COMMON,
+    DESCRIBED,
     PARITY_POOR,
+    REPEATS,
     SATURATED,
     STRETCHES,
     TOLERANCE,
@@ -307,9 +308,9 @@ def _answer(
     if third is not None:
         shrink = replace(shrink, judged=quantify.judge(loop, third, result))
     before, after = cost(result.base), cost(result.held)
-    changed = verdict.changes(result, task.tolerance)
-    left = None if after <= ADEQUATE else discrepancy.describe(result.held)
-    repeats = 0.0 if left is None else left.gain
+    left = None if after <= DESCRIBED else discrepancy.describe(result.held)
+    repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
+    changed = verdict.changes(result, task.tolerance) if repeats < REPEATS else {}
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
     return Diagnosis(
         verdict=word,

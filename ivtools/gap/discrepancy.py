@@ -1,8 +1,9 @@
 """Discrepancy: a force that repeats and is none of the known effects, described instead of named.
 
 What the named effects leave is regressed on a penalised spline over position, speed, direction and
-load, through the response of the loop: any static law of the axis, known or not, is close to one.
-The penalty is the one that predicts the other fold best, so what does not come again is not in it.
+load, and on what remembers, through the response of the loop: any law of the axis, known or not,
+is close to one. The penalty is the one that predicts the other fold best, so what does not come
+again is not in it.
 
 P. H. C. Eilers, B. D. Marx, "Flexible smoothing with B-splines and penalties", Statistical
 Science 11(2), 1996.
@@ -18,20 +19,19 @@ from numpy.typing import NDArray
 
 from ..loop import Simulation
 from .fit import Fit, normal
-from .rules import (
-    DISCREPANCY_PART,
-    DISCREPANCY_SIZE,
-    DISCREPANCY_T,
-    LEAST_KNOTS,
-    MOST_KNOTS,
-    PENALTIES,
-    POSITION_KNOTS,
-    SPEED_KNOTS,
-)
+from .rules import DISCREPANCY_PART, DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
+from .smooth import OVER, Basis, beside, signals
 
 Array = NDArray[np.float64]
 
-OVER = ("q", "dq", "load")
+
+_NAMES = {
+    "q": "position",
+    "dq": "speed",
+    "load": "load",
+    "state": "position and speed together",
+    "past": "the motion before",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +44,11 @@ class Discrepancy:
         Of the force beyond what the base parameters make, N or N m.
     unit : str
     over : tuple of str
-        What it depends on: ``"q"``, ``"dq"``, ``"load"``; direction is in each.
+        What it depends on, of `smooth.OVER`; direction is in each.
     gain : float
         Share of the whitened energy left that it removes on held-out data.
     curve : tuple of (float, float, float)
-        Over the first of `over`: its value (SI), and the force forwards and backwards.
+        Over the first signal of `over`: its value (SI), and the mean force forwards and backwards.
     """
 
     rms: float
@@ -60,8 +60,7 @@ class Discrepancy:
     @property
     def text(self) -> str:
         """What is there, as a sentence."""
-        names = {"q": "position", "dq": "speed", "load": "load"}
-        over = " and ".join(names[n] for n in self.over)
+        over = " and ".join(_NAMES[n] for n in self.over)
         return (
             f"a force of {self.rms:.2g} {self.unit} rms over {over} and direction repeats and is "
             "not among the known effects"
@@ -79,124 +78,6 @@ class Discrepancy:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Basis:
-    """Hat functions over position, speed and load, apart for each direction.
-
-    Parameters
-    ----------
-    knots : mapping
-        Of each signal, common to both folds.
-    """
-
-    knots: dict[str, Array]
-
-    @classmethod
-    def of(cls, runs: Sequence[Simulation], spacing: float = 0.0) -> Basis:
-        """Return the basis that spans what several simulations have in common.
-
-        Parameters
-        ----------
-        runs : sequence of Simulation
-        spacing : float
-            Least distance of its knots over position, m or rad.
-        """
-        q, dq, tau = (np.concatenate([s[:, 0] for s in kind]) for kind in _signals(runs))
-        speed = np.quantile(np.abs(dq), np.linspace(0.02, 1.0, SPEED_KNOTS))
-        return cls(
-            {
-                "q": np.linspace(q.min(), q.max(), _knots(float(np.ptp(q)), spacing)),
-                "dq": np.unique(speed),
-                "load": np.linspace(0.0, float(np.max(np.abs(tau))), 4)[1:],
-            }
-        )
-
-    def columns(self, run: Simulation) -> Array:
-        """Return the forces, one column per hat and direction, (n_samples, m)."""
-        q, dq, tau = (s[0][:, 0] for s in _signals([run]))
-        sign = np.sign(dq)
-        found = []
-        for name, x in (("q", q), ("dq", np.abs(dq)), ("load", np.abs(tau))):
-            hats = self.hats(name, x)
-            found += [hats, hats * sign[:, None]]
-        return np.hstack(found)
-
-    def hats(self, name: str, x: Array) -> Array:
-        """Return the hat functions of a signal at some values, (n, knots)."""
-        return np.column_stack([np.interp(x, self.knots[name], row) for row in self._unit(name)])
-
-    def _unit(self, name: str) -> Array:
-        return np.eye(len(self.knots[name]))
-
-    def part(self, name: str) -> slice:
-        """Return the columns of a signal, of both directions."""
-        sizes = [2 * len(self.knots[n]) for n in OVER]
-        start = sum(sizes[: OVER.index(name)])
-        return slice(start, start + 2 * len(self.knots[name]))
-
-    def penalty(self) -> Array:
-        """Return rows that measure the roughness, second differences of neighbours, (r, m)."""
-        blocks = [np.diff(self._unit(n), 2, axis=0) for n in OVER for _ in (0, 1)]
-        rows, width = sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)
-        out, i, j = np.zeros((rows, width)), 0, 0
-        for b in blocks:
-            out[i : i + len(b), j : j + b.shape[1]] = b
-            i, j = i + len(b), j + b.shape[1]
-        return out
-
-
-def _knots(stroke: float, spacing: float) -> int:
-    """Return how many knots a stroke gets."""
-    if spacing <= 0.0:
-        return POSITION_KNOTS
-    return int(np.clip(stroke / spacing, LEAST_KNOTS, MOST_KNOTS))
-
-
-def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
-    """Return how much of what lies over position is a line, and no law of the state, 0 to 1.
-
-    A smooth law has no room for the line's periods: knots over position that are one period apart.
-    Another law, with four knots a period, takes what the line leaves: bumps are no line.
-
-    Parameters
-    ----------
-    before, after : sequence of Fit
-        Without and with the line, on each fold.
-    period : float
-        Of the line over position, m or rad.
-    """
-    runs = [f.fold.simulate(f.loop, f.values) for f in before]
-    smooth, bumps, kept = Basis.of(runs, period), Basis.of(runs, 0.25 * period), []
-    for b, a, run in zip(before, after, runs, strict=True):
-        known = _beside(b, b.fold.answers(smooth.columns(run)))
-        pair = _beside(b, np.column_stack([b.e - a.e, b.e, a.e]))
-        beyond = _without(known, pair)
-        line = _explained(beyond[:, :2])
-        over = bumps.part("q")
-        other = _without(known, _beside(b, b.fold.answers(bumps.columns(run)[:, over])))
-        left = beyond[:, 2] - _without(other, beyond[:, 2:])[:, 0]
-        left_energy = max(float(left @ left) - other.shape[1], 0.0)  # the floor is one a column
-        share = line / max(_explained(pair[:, :2]), 1e-300)
-        kept.append(share * line / max(line + left_energy, 1e-300))
-    return min(kept)
-
-
-def _without(columns: Array, x: Array) -> Array:
-    """Return what is left of whitened signals (n, k) beside some columns (n, m)."""
-    C = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    return np.asarray(x - C @ np.column_stack([normal(C, y, 1e-5) for y in x.T]))
-
-
-def _explained(pair: Array) -> float:
-    """Return the energy of the second column that the first one explains."""
-    change, e = pair.T
-    return float(change @ e) ** 2 / max(float(change @ change), 1e-300)
-
-
-def _signals(runs: Sequence[Simulation]) -> tuple[list[Array], ...]:
-    return [r.q for r in runs], [r.dq for r in runs], [r.tau for r in runs]
-
-
 def describe(fits: Sequence[Fit]) -> Discrepancy | None:
     """Return the force that repeats in what two fits leave; None if there is none.
 
@@ -210,8 +91,8 @@ def describe(fits: Sequence[Fit]) -> Discrepancy | None:
         return None
     basis = Basis.of(runs)
     forces = [basis.columns(r) for r in runs]
-    seen = [_beside(f, f.fold.answers(F)) for f, F in zip(fits, forces, strict=True)]
-    rests = [_beside(f, f.e[:, None])[:, 0] for f in fits]
+    seen = [beside(f, f.fold.answers(F)) for f, F in zip(fits, forces, strict=True)]
+    rests = [beside(f, f.e[:, None])[:, 0] for f in fits]
     beta, gain, t = _smoothed(fits, seen, rests, basis.penalty())
     if t < DISCREPANCY_T or gain <= 0.0:
         return None
@@ -225,41 +106,36 @@ def describe(fits: Sequence[Fit]) -> Discrepancy | None:
     over = tuple(n for n in sorted(parts, key=lambda n: -parts[n])
                  if parts[n] >= DISCREPANCY_PART * max(parts.values()))  # fmt: skip
     unit = "N" if fits[0].loop.joint == "prismatic" else "N m"
-    return Discrepancy(whole, unit, over, gain, _curve(basis, over[0], beta))
-
-
-def _beside(fit: Fit, columns: Array) -> Array:
-    """Return what the base model cannot imitate of whitened columns."""
-    scale = np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300)
-    Q = np.linalg.qr(fit.J / scale)[0]
-    return columns - Q @ (Q.T @ columns)
+    return Discrepancy(whole, unit, over, gain, _curve(basis, over[0], runs, forces, beta))
 
 
 def _smoothed(
     fits: Sequence[Fit], seen: Sequence[Array], rests: Sequence[Array], rough: Array
 ) -> tuple[Array, float, float]:
-    """Return the common spline, its gain on held-out data and the least t value of that gain."""
-    size = float(np.mean([np.trace(C.T @ C) for C in seen])) / seen[0].shape[1]
+    """Return the common spline, its gain on held-out data and the t value of that gain."""
+    squares = [C.T @ C for C in seen]
+    sides = [C.T @ e for C, e in zip(seen, rests, strict=True)]
+    size = float(np.mean([np.trace(A) for A in squares])) / len(rough.T)
     best: tuple[float, float, float] = (-np.inf, 0.0, 0.0)
     for penalty in PENALTIES:
-        weight = penalty * size
-        betas = [_solved(C, e, rough, weight) for C, e in zip(seen, rests, strict=True)]
-        saved = [
+        R = penalty * size * rough.T @ rough
+        betas = [_solved(A + R, -b) for A, b in zip(squares, sides, strict=True)]
+        saved = np.concatenate([
             f.fold.block_sums(e**2 - (e + C @ other) ** 2)
             for f, C, e, other in zip(fits, seen, rests, betas[::-1], strict=True)
-        ]
-        gain = float(sum(np.sum(s) for s in saved) / sum(e @ e for e in rests))
-        t = min(float(np.sum(s)) / max(float(np.linalg.norm(s - s.mean())), 1e-300) for s in saved)
-        best = max(best, (gain, t, weight))
-    gain, t, weight = best
-    return _solved(np.vstack(seen), np.concatenate(rests), rough, weight), gain, t
+        ])  # fmt: skip
+        gain = float(np.sum(saved)) / sum(float(e @ e) for e in rests)
+        t = float(np.sum(saved)) / max(float(np.linalg.norm(saved - saved.mean())), 1e-300)
+        best = max(best, (gain, t, penalty))
+    gain, t, penalty = best
+    R = penalty * size * rough.T @ rough
+    return _solved(squares[0] + squares[1] + R, -sides[0] - sides[1]), gain, t
 
 
-def _solved(C: Array, e: Array, rough: Array, weight: float) -> Array:
-    """Return the penalised regression of -e on C: the force that removes the error, (m,)."""
-    A = C.T @ C + weight * rough.T @ rough
-    A += 1e-9 * np.trace(A) / len(A) * np.eye(len(A))
-    return np.asarray(np.linalg.solve(A, -C.T @ e), dtype=float)
+def _solved(A: Array, b: Array) -> Array:
+    """Return the solution of normal equations that may be singular, (m,)."""
+    A = A + 1e-9 * np.trace(A) / len(A) * np.eye(len(A))
+    return np.asarray(np.linalg.solve(A, b), dtype=float)
 
 
 def _base_forces(fit: Fit, run: Simulation) -> Array:
@@ -289,11 +165,23 @@ def _parts(
     return found
 
 
-def _curve(basis: Basis, name: str, beta: Array) -> tuple[tuple[float, float, float], ...]:
-    """Return the force over one signal, forwards and backwards, at its knots."""
-    own = beta[basis.part(name)]
-    even, odd = np.split(own, 2)
-    return tuple(
-        (float(x), float(a + b), float(a - b))
-        for x, a, b in zip(basis.knots[name], even, odd, strict=True)
-    )
+def _curve(
+    basis: Basis,
+    name: str,
+    runs: Sequence[Simulation],
+    forces: Sequence[Array],
+    beta: Array,
+) -> tuple[tuple[float, float, float], ...]:
+    """Return the mean force at the knots of one signal, forwards and backwards."""
+    name = {"state": "q", "past": "dq"}.get(name, name)
+    kinds = dict(zip(("q", "dq", "load"), signals(runs), strict=True))
+    x = np.concatenate([s[:, 0] for s in kinds[name]])
+    hats = basis.hats(name, x if name == "q" else np.abs(x))
+    ahead = np.concatenate([r.dq[:, 0] for r in runs]) > 0.0
+    force = np.concatenate([F @ beta for F in forces])
+    weight = [hats[rows].sum(axis=0) for rows in (ahead, ~ahead)]
+    mean = [hats[rows].T @ force[rows] / np.maximum(w, 1e-300)
+            for rows, w in zip((ahead, ~ahead), weight, strict=True)]  # fmt: skip
+    seen = (weight[0] > 0.0) & (weight[1] > 0.0)
+    points = np.column_stack([basis.knots[name], *mean])[seen]
+    return tuple((float(k), float(a), float(b)) for k, a, b in points)

@@ -201,6 +201,9 @@ SHORT = 520
 ADEQUATE_NAMED = 1.15
 #: Whitened energy over the floor at which nothing is left to decide between rivals (training).
 CLEAN = 1.05
+#: Whitened energy beyond which what is left in the end speaks against names (numerics: how well
+#: the floor is known).
+UNNAMED = 1.02
 #: Of the best gain in the screening: what is below is not its rival (training).
 RIVAL = 0.35
 #: Of the least gain of a steady effect: what is below in the screening is not fitted (training).
@@ -219,6 +222,7 @@ WEIGHTS = {
     "disagreement": -3.42,
     "rival": -1.05,
     "share": 0.53,
+    "explained": 3.0,
 }
 #: No name is surer than the 146 of 146 in the best bin of that regression can tell (theory).
 SUREST = 0.99
@@ -236,11 +240,24 @@ POSITION_KNOTS = 16
 LEAST_KNOTS, MOST_KNOTS = 8, 64
 #: Share of what lies over position that must be a line, not a law of the state (training).
 UNLIKE_SMOOTH = 0.5
-#: Penalties on roughness that are tried, relative to the size of the columns (training).
-PENALTIES = (1e-4, 1e-2, 1.0, 100.0)
-#: Block t value, on either fold, of the energy that it saves (training).
+#: Block t value by which an effect periodic over position must do better than periodic friction,
+#: which is no effect (training: true ones reach 3, seeds 310 to 312).
+OTHER_WAVE_T = 1.0
+#: Knots over position, and over speed, of what depends on both together (theory: smooth).
+COARSE_KNOTS = (8, 4)
+#: Seconds in which a past motion is forgotten (physics: seals and belts), and frequencies, Hz, and
+#: damping at which something beside the axis swings (physics: below the loop's bandwidth).
+FORGETTING = (0.03, 0.1, 0.3, 1.0, 3.0)
+RINGING, RINGING_DAMPING = (0.5, 0.9, 1.6, 3.0, 5.5, 10.0), 0.1
+#: Penalties that are tried, relative to the size of the columns (training), and the weight of the
+#: size of a coefficient beside its roughness: what one fold has not seen is nothing (numerics).
+PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 100.0)
+TO_ZERO = 0.1
+#: Whitened energy from which what is left is worth a description (theory: half the floor, 1.25).
+DESCRIBED = 1.05
+#: Block t value of the energy that it saves on held-out data (training).
 DISCREPANCY_T = 3.0
-#: Share of what is left from which it repeats, whatever stands out beside it (definition).
+#: Share of what is left above the floor from which it repeats (definition).
 REPEATS = 0.3
 #: Of the force error: what is smaller is not worth a word (taste).
 DISCREPANCY_SIZE = 0.1

@@ -126,7 +126,7 @@ def decide(
     changed : mapping
         Base parameters that differ between the records.
     repeats : float
-        Share of what is left that comes again on held-out data without having a name.
+        Share of what is left above the floor that comes again without having a name.
     tolerance : float
         Per cent of the force below which a gap is negligible.
     """
@@ -137,6 +137,7 @@ def decide(
         return "non-repeatable"
     between = measured[-1].floor.between
     above = between is not None and shrink.after > OVER_FLOOR * between and not small
+    above = above or repeats >= REPEATS
     few = min(m.fold.n_kept for m in measured)
     allowed = ADEQUATE + (SHORT / few) ** 2
     if float(np.mean([h.cost for h in result.held])) <= allowed and not above:

@@ -1,0 +1,246 @@
+"""Smooth: forces that any axis may have, as hat functions of its state and of what it did before.
+
+What an effect does must not be what these could do as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, signal
+
+from ..loop import Simulation
+from .fit import Fit, normal
+from .rules import (
+    COARSE_KNOTS,
+    FORGETTING,
+    LEAST_KNOTS,
+    MOST_KNOTS,
+    POSITION_KNOTS,
+    RINGING,
+    RINGING_DAMPING,
+    SPEED_KNOTS,
+    TO_ZERO,
+)
+
+Array = NDArray[np.float64]
+
+#: What a force may depend on; "state" is position and speed together, "past" what went before.
+OVER = ("q", "dq", "load", "state", "past")
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Hat functions over position, speed and load, apart for each direction, and what remembers.
+
+    Parameters
+    ----------
+    knots : mapping
+        Of each signal, common to both folds: ``"q"``, ``"dq"``, ``"load"``, and coarser ones,
+        ``"where"`` and ``"how fast"``, of position and speed together.
+    """
+
+    knots: dict[str, Array]
+
+    @classmethod
+    def of(cls, runs: Sequence[Simulation], spacing: float = 0.0) -> Basis:
+        """Return the basis that spans what several simulations have in common.
+
+        Parameters
+        ----------
+        runs : sequence of Simulation
+        spacing : float
+            Distance of its knots over position, m or rad; 0 is that of any law.
+        """
+        q, dq, tau = (np.concatenate([s[:, 0] for s in kind]) for kind in signals(runs))
+        speed = np.quantile(np.abs(dq), np.linspace(0.02, 1.0, SPEED_KNOTS))
+        where, fast = COARSE_KNOTS
+        return cls(
+            {
+                "q": np.linspace(q.min(), q.max(), _knots(float(np.ptp(q)), spacing)),
+                "dq": np.unique(speed),
+                "load": np.linspace(0.0, float(np.max(np.abs(tau))), 4)[1:],
+                "where": np.linspace(q.min(), q.max(), where),
+                "how fast": np.linspace(0.0, float(np.max(np.abs(dq))), fast),
+            }
+        )
+
+    def additive(self, run: Simulation) -> Array:
+        """Return forces over one signal each, one column per hat and direction, (n_samples, m)."""
+        q, dq, tau = (s[0][:, 0] for s in signals([run]))
+        sign = np.sign(dq)
+        found = []
+        for name, x in (("q", q), ("dq", np.abs(dq)), ("load", np.abs(tau))):
+            hats = self.hats(name, x)
+            found += [hats, hats * sign[:, None]]
+        return np.hstack(found)
+
+    def columns(self, run: Simulation) -> Array:
+        """Return all forces, in the order of `OVER`, (n_samples, m)."""
+        q, dq = run.q[:, 0], run.dq[:, 0]
+        hats = self.hats("where", q)[:, :, None] * self.hats("how fast", np.abs(dq))[:, None, :]
+        both = hats.reshape(len(q), -1)
+        dt = float(run.t[1] - run.t[0])
+        return np.hstack([self.additive(run), both, both * np.sign(dq)[:, None], _past(dq, dt)])
+
+    def hats(self, name: str, x: Array) -> Array:
+        """Return the hat functions of a signal at some values, (n, knots)."""
+        return np.column_stack([np.interp(x, self.knots[name], row) for row in self._unit(name)])
+
+    def _unit(self, name: str) -> Array:
+        return np.eye(len(self.knots[name]))
+
+    @property
+    def _sizes(self) -> list[int]:
+        """Number of columns of each of `OVER`."""
+        count = {n: len(k) for n, k in self.knots.items()}
+        both = 2 * count["where"] * count["how fast"]
+        past = 2 * (len(FORGETTING) + len(RINGING))
+        return [*(2 * count[n] for n in ("q", "dq", "load")), both, past]
+
+    def part(self, name: str) -> slice:
+        """Return the columns of one of `OVER`."""
+        start = sum(self._sizes[: OVER.index(name)])
+        return slice(start, start + self._sizes[OVER.index(name)])
+
+    def penalty(self) -> Array:
+        """Return rows that measure roughness (second differences) and size, (r, m)."""
+
+        def curved(name: str) -> Array:
+            return np.diff(self._unit(name), 2, axis=0)
+
+        where, fast = self._unit("where"), self._unit("how fast")
+        both = np.vstack([np.kron(curved("where"), fast), np.kron(where, curved("how fast"))])
+        own = [curved(n) for n in ("q", "dq", "load") for _ in (0, 1)]
+        past = np.zeros((0, self._sizes[-1]))
+        rows = linalg.block_diag(*own, both, both, past)
+        return np.vstack([rows, TO_ZERO * np.eye(rows.shape[1])])
+
+
+def _knots(stroke: float, spacing: float) -> int:
+    """Return how many knots a stroke gets."""
+    if spacing <= 0.0:
+        return POSITION_KNOTS
+    return int(np.clip(stroke / spacing, LEAST_KNOTS, MOST_KNOTS))
+
+
+def signals(runs: Sequence[Simulation]) -> tuple[list[Array], ...]:
+    """Return position, speed and force of simulations."""
+    return [r.q for r in runs], [r.dq for r in runs], [r.tau for r in runs]
+
+
+def _past(dq: Array, dt: float) -> Array:
+    """Return speed and direction as they are forgotten, and what a motion sets ringing."""
+    v, found = dq / max(float(np.max(np.abs(dq))), 1e-300), []
+    for seconds in FORGETTING:
+        a = float(np.exp(-dt / seconds))
+        found += [signal.lfilter([1.0 - a], [1.0, -a], x) for x in (v, np.sign(v))]
+    for hz in RINGING:
+        p = np.exp((-RINGING_DAMPING + 1j) * 2.0 * np.pi * hz * dt)
+        y = signal.lfilter([1.0 - abs(p)], [1.0, -p], v)
+        found += [y.real, y.imag]
+    columns = np.column_stack(found)
+    return np.asarray(columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300))
+
+
+#: What smooth laws do to the error of a fit, as long as the fit is there.
+_IMITATIONS: WeakKeyDictionary[Fit, Array] = WeakKeyDictionary()
+
+
+def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
+    """Return how much of an effect's gain no smooth law of the state could have, 0 to 1.
+
+    Parameters
+    ----------
+    before, after : sequence of Fit
+        Without and with the effect, on each fold.
+    """
+    kept = []
+    for b, a in zip(before, after, strict=True):
+        if b not in _IMITATIONS:
+            run = b.fold.simulate(b.loop, b.values)
+            _IMITATIONS[b] = _answers(b, Basis.of([run]).additive(run))
+        pair = beside(b, np.column_stack([b.e - a.e, b.e]))
+        kept.append(_explained(_without(_IMITATIONS[b], pair)) / max(_explained(pair), 1e-300))
+    return min(kept)
+
+
+def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
+    """Return how much of what lies over position is a line, and no law of the state, 0 to 1.
+
+    A smooth law has no room for the line's periods: knots over position that are one period apart.
+    Another law, with four knots a period, takes what the line leaves: bumps are no line.
+
+    Parameters
+    ----------
+    before, after : sequence of Fit
+        Without and with the line, on each fold.
+    period : float
+        Of the line over position, m or rad.
+    """
+    runs = [f.fold.simulate(f.loop, f.values) for f in before]
+    smooth, bumps, kept = Basis.of(runs, period), Basis.of(runs, 0.25 * period), []
+    for b, a, run in zip(before, after, runs, strict=True):
+        known = _answers(b, smooth.additive(run))
+        pair = beside(b, np.column_stack([b.e - a.e, b.e, a.e]))
+        beyond = _without(known, pair)
+        line = _explained(beyond[:, :2])
+        other = _without(known, _answers(b, bumps.additive(run)[:, bumps.part("q")]))
+        taken = beyond[:, 2] - _without(other, beyond[:, 2:])[:, 0]
+        bumpy = max(float(taken @ taken) - other.shape[1], 0.0)  # the floor is one a column
+        share = line / max(_explained(pair[:, :2]), 1e-300)
+        kept.append(share * line / max(line + bumpy, 1e-300))
+    return min(kept)
+
+
+def _answers(fit: Fit, forces: Array) -> Array:
+    """Return what forces do to the error beside the base, to unit size, (n_kept, m)."""
+    C = beside(fit, fit.fold.answers(forces))
+    return np.asarray(C / np.maximum(np.linalg.norm(C, axis=0), 1e-300))
+
+
+def _without(columns: Array, x: Array) -> Array:
+    """Return what is left of whitened signals (n, k) beside columns of unit size (n, m)."""
+    return np.asarray(x - columns @ np.column_stack([normal(columns, y, 1e-5) for y in x.T]))
+
+
+def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Array]]:
+    """Return the errors that waves over position leave which are no effect, per wave and fold.
+
+    Friction that is periodic over position, dry or viscous, looks much like cogging or ripple.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        Without the wave, on each fold.
+    periods : sequence of float
+        Of the wave, m or rad, on each.
+    """
+    left: list[list[Array]] = [[], []]
+    for f, period in zip(fits, periods, strict=True):
+        run = f.fold.simulate(f.loop, f.values)
+        q, dq = run.q[:, 0], run.dq[:, 0]
+        waves = np.exp(2j * np.pi * q / period)[:, None].view(float)
+        forces = np.hstack([waves * w[:, None] for w in (np.sign(dq), dq / np.max(np.abs(dq)))])
+        columns, e = beside(f, f.fold.answers(forces)), beside(f, f.e[:, None])[:, 0]
+        for found, part in zip(left, (columns[:, :2], columns[:, 2:]), strict=True):
+            unit = part / np.maximum(np.linalg.norm(part, axis=0), 1e-300)
+            found.append(e - unit @ normal(unit, e, 1e-6))
+    return left
+
+
+def _explained(pair: Array) -> float:
+    """Return the energy of the second column that the first one explains."""
+    change, e = pair.T
+    return float(change @ e) ** 2 / max(float(change @ change), 1e-300)
+
+
+def beside(fit: Fit, columns: Array) -> Array:
+    """Return what the base model cannot imitate of whitened columns."""
+    scale = np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300)
+    Q = np.linalg.qr(fit.J / scale)[0]
+    return columns - Q @ (Q.T @ columns)
