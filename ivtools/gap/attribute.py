@@ -26,6 +26,7 @@ from .rules import (
     ADEQUATE,
     CLEAN,
     DRAWS,
+    ENOUGH,
     LIKELY,
     RIVAL,
     ROUGH,
@@ -62,9 +63,11 @@ class Evidence:
     left : float
         Whitened energy that it and the effects named before it leave; 1 is the floor.
     explained : float
-        Of what it removes and what has no name in the end, the share that it removes.
+        Share of the whole reducible gap that all named effects remove: the rest has no name.
     unlike : float
         Share of its gain that no smooth law of the state could have, known or not; 0 to 1.
+    evenness : float
+        How well the blocks of the records agree in its amplitude: 1 is as well as noise lets them.
     """
 
     gain: float
@@ -75,6 +78,7 @@ class Evidence:
     left: float
     explained: float = 1.0
     unlike: float = 1.0
+    evenness: float = 1.0
 
     def to_dict(self) -> dict[str, float]:
         """Return the JSON of the evidence."""
@@ -104,27 +108,26 @@ def evidence(
         rival=max([0.0, *(r.gain / trial.gain for r in rivals)]),
         share=trial.removed / whole,
         left=float(np.mean([h.cost for h in trial.held])),
-        explained=_explained(trial, held) if held else 1.0,
+        explained=1.0 - max(cost(held) - UNNAMED, 0.0) / whole if held else 1.0,
         unlike=trial.unlike,
+        evenness=trial.evenness(held) if held else 1.0,
     )
-
-
-def _explained(trial: Trial, held: Sequence[Fit]) -> float:
-    unnamed = max(cost(held) - UNNAMED, 0.0)
-    return float(np.clip(trial.removed / max(trial.removed + unnamed, 1e-9), 0.0, 1.0))
 
 
 def features(proof: Evidence) -> dict[str, float]:
     """Return the evidence on the scales on which it adds up."""
     removed = proof.gain * proof.left / max(1.0 - proof.gain, 1e-3)
     gap = max(removed + max(proof.left - 1.0, 0.0), 1e-9)  # what was left to explain before it
+    full, none = ENOUGH
+    nameless = float(np.clip((full - proof.explained) / (full - none), 0.0, 1.0))
+    doubt = nameless * (1.0 - proof.unlike)  # a smooth law without a name may be behind it
     return {
         "gain": float(np.log(max(proof.gain, 1e-3))),
         "t": float(np.log(max(proof.t, 1.0))),
         "disagreement": float(np.log(min(max(proof.disagreement, 1.0), 4.0))),
         "rival": float(np.clip(proof.rival, 0.0, 1.0)),
         "share": proof.unlike * float(np.log(np.clip(removed / gap, 1e-3, 1.0))),
-        "explained": (1.0 - proof.unlike) * float(np.log(np.clip(proof.explained, 0.05, 1.0))),
+        "evenness": doubt * float(np.log(np.clip(proof.evenness, 0.03, 1.0))),
     }
 
 
@@ -326,6 +329,8 @@ class Attribution:
     rules : Rules
     rounds : tuple of Round
         The forward selection; the first names nothing if there is nothing to name.
+    full : tuple of Fit
+        As `held`, with the effects that were taken back because their names were doubtful.
     """
 
     base: tuple[Fit, ...]
@@ -334,6 +339,7 @@ class Attribution:
     named: tuple[str, ...]
     rules: Rules
     rounds: tuple[Round, ...] = ()
+    full: tuple[Fit, ...] = ()
 
     @property
     def trials(self) -> tuple[Trial, ...]:
@@ -382,7 +388,10 @@ class Attribution:
         """Per named effect, what speaks for it."""
         return {
             n: evidence(
-                b, [t for t in r.trials if t not in (b, *self._rivals(r))], self.base, self.held
+                b,
+                [t for t in r.trials if t not in (b, *self._rivals(r))],
+                self.base,
+                self.full or self.held,
             )
             for n, (r, b) in self._winners.items()
         }
@@ -431,17 +440,17 @@ def attribute(
 
 
 def _withdrawn(sides: tuple[Side, ...], result: Attribution) -> Attribution:
-    """Take back names, the least likely first, that what is left in the end makes doubtful."""
-    while result.named:
-        chances = {n: probability(proof) for n, proof in result.evidence.items()}
-        worst = min(chances, key=lambda n: chances[n])
-        if chances[worst] >= LIKELY:
-            break
-        fits = tuple(_without(s, f, worst) for s, f in zip(sides, result.fits, strict=True))
-        named = tuple(n for n in result.named if n != worst)
-        held = frozen(sides, fits) if named else result.base
-        result = replace(result, fits=fits if named else result.base, held=held, named=named)
-    return result
+    """Take back the names that what is left in the end makes doubtful."""
+    doubtful = [n for n, proof in result.evidence.items() if probability(proof) < LIKELY]
+    fits = result.fits
+    for name in doubtful:
+        fits = tuple(_without(s, f, name) for s, f in zip(sides, fits, strict=True))
+    if not doubtful:
+        return result
+    named = tuple(n for n in result.named if n not in doubtful)
+    held = frozen(sides, fits) if named else result.base
+    fits = fits if named else result.base
+    return replace(result, fits=fits, held=held, named=named, full=result.held)
 
 
 def _doubtful(best: Trial, last: Round, base: tuple[Fit, ...], rules: Rules) -> bool:

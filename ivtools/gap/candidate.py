@@ -89,6 +89,25 @@ class Trial:
         """Block t value of the amplitude, per fold."""
         return self.amplitudes[:, 1]
 
+    def evenness(self, last: Sequence[Fit]) -> float:
+        """Return the standard error of the amplitude in noise alone over the block-robust one.
+
+        1 where the blocks agree as well as noise lets them; an effect that only resembles what is
+        there fits some blocks better than others (H. White, Econometrica 50(1), 1982: where both
+        differ, the model is wrong).
+
+        Parameters
+        ----------
+        last : sequence of Fit
+            The model with all that is named, on each fold.
+        """
+        found = []
+        for b, h, end in zip(self.before, self.held, last, strict=True):
+            change = b.e - h.e
+            spread = float(np.linalg.norm(h.fold.block_sums(change * end.e)))
+            found.append(float(np.linalg.norm(change)) / max(spread, 1e-300))
+        return min(found)
+
     @property
     def shares(self) -> Array:
         """Share of the reducible gap removed on held-out data, per fold; the floor is 1."""
