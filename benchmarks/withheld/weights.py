@@ -27,7 +27,7 @@ from .cases import draw  # noqa: E402
 from .run import read  # noqa: E402
 from .suites import SUITES, Task  # noqa: E402
 
-TRAINING = ("single", "two", "background", "small", "none")  # what is hidden is in the library
+TRAINING = ("single", "two", "background", "small", "none", "unknown")
 _RIDGE = 1.0  # of the standardised weights, against the count of candidates
 
 
@@ -69,7 +69,7 @@ def _rows(task: Task, found: Any) -> Iterator[dict[str, Any]]:
         rivals = r.rivals(found.rules, cost(found.held))
         others = [t for t in r.trials if t is not best and t not in rivals]
         names = {best.name, *(t.name for t in rivals)}
-        proof = evidence(best, others, found.base).to_dict()
+        proof = evidence(best, others, found.base, found.full or found.held).to_dict()
         right = bool(names & {*task.effects})
         yield {"key": task.key, "named": r.best is not None, "right": right, **proof}
 
