@@ -156,7 +156,6 @@ def scales(problem: Problem) -> dict[str, float]:
         "force": force,
         "per force": 1.0 / force if force > 0.0 else 1.0,
         "peak": float(np.max(np.abs(problem.force))),
-        "per force": 1.0 / force,
         "speed": float(np.max(np.abs(problem.motion.dq))),
         "stroke": stroke,
         "time": float(np.ptp(record.t)),
