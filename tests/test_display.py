@@ -58,11 +58,11 @@ def test_complex_numbers_are_pairs_and_tuples_lists():
     assert plain((1 + 2j, (3.0,))) == [[1.0, 2.0], [3.0]]
 
 
-_OTHERS = ("Displayed", "Text", "Record", "ClosedLoop", "Problem", "Score")
+_OTHERS = ("Displayed", "Text", "Page", "Record", "ClosedLoop", "Problem", "Score")
 
 
 def test_no_room_writes_these_faces_again():
-    """What shows itself in a notebook is Displayed, but for inputs, texts and gap's own."""
+    """What shows itself in a notebook is Displayed, but for inputs, texts, pages and gap's own."""
     for module in pkgutil.walk_packages(ivtools.__path__, "ivtools."):
         if module.name.startswith(("ivtools.gap", "ivtools.cli")) or "__main__" in module.name:
             continue
