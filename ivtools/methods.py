@@ -46,5 +46,6 @@ def method(key: str) -> str:
             f"--methods {key}"
         )
     if key not in METHODS:
-        raise EstimationError(f"method {key!r} is unknown; use one of {', '.join(METHODS)}")
+        known = ", ".join([*METHODS, *FUNCTIONS])
+        raise EstimationError(f"method {key!r} is unknown; use one of {known}")
     return METHODS[key]

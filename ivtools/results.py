@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+WITHHELD = "withheld"  # by a method that knows none of its deviations
 COVARIANCES = {
     "hac": "HAC (Newey-West)",
     "robust": "robust (White)",
@@ -254,8 +255,11 @@ class FitResults(Estimates, Goodness, WithTests):
         return ErrorFigures.of(problem.y - problem.X @ theta, problem.y)
 
     def not_identifiable(self, limit: float = 10.0) -> tuple[str, ...]:
-        """Return the parameters whose relative deviation exceeds a limit, in %, or is unknown."""
-        if self.converged and self.cov.isna().to_numpy().all():  # withheld of all
+        """Return the parameters whose relative deviation exceeds a limit, in %, or is unknown.
+
+        None where a method withholds all deviations: that says nothing of the record.
+        """
+        if self.cov_type == WITHHELD:
             return ()
         return tuple(self.params.index[~(self.relative_std <= limit)])
 

@@ -28,7 +28,8 @@ def script(
 
     Examples
     --------
-    >>> exec(compile(script("twin", methods=["idim-ls"]).split("print")[0], "script", "exec"))
+    >>> print(script("twin").splitlines()[5])
+    record = iv.datasets.load('twin')
     """
     read = "iv.datasets.load({!r})" if log in REGISTRY else "iv.Record.read({!r}, loop.log)"
     lines = [

@@ -114,8 +114,7 @@ def axis_path(axis: str) -> Path:
         return axes.FILES[axis]
     if not _there(axis):
         raise AxisError(
-            f"{axis!r} is neither an axis file nor a registered axis; registered: "
-            f"{', '.join(axes.FILES)}"
+            f"{axis}: No such file, and no registered axis; registered: {', '.join(axes.FILES)}"
         )
     return Path(axis)
 

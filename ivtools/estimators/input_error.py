@@ -21,7 +21,7 @@ from ivtools.estimators.iteration import (
 from ivtools.estimators.sensitivities import Signal
 from ivtools.estimators.simulated_error import SimulatedError
 from ivtools.loop import RobotLoop
-from ivtools.results import FitResults
+from ivtools.results import WITHHELD, FitResults
 
 if TYPE_CHECKING:
     from ivtools.problem import Problem
@@ -120,7 +120,9 @@ class DIDIM(Estimator):
         )
         if not isinstance(problem.loop, RobotLoop):
             return results
-        return replace(results, cov=results.cov * np.nan, notes=(*results.notes, NO_INTERVALS))
+        unknown = results.cov * np.nan
+        said = (*results.notes, NO_INTERVALS)
+        return replace(results, cov=unknown, cov_type=WITHHELD, notes=said)
 
     def _settled(self, problem: Problem, at: Point, theta: Array, rho: float, last: float) -> bool:
         """Whether parameters (p,) and norm of the residual have stopped to change."""
