@@ -282,7 +282,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/withheld-simulators"))
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/simulators"))
     given = parser.parse_args()
     assert all(name in EFFECTS for name in HIDDEN)
     warnings.simplefilter("ignore")

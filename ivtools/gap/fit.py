@@ -182,7 +182,7 @@ def _solve(J: Array, e: Array, units: Array) -> Array:
     """Return the Gauss-Newton step, damped in directions that the record does not show."""
     A = J * units
     scale = np.linalg.norm(A, axis=0)
-    scale[scale == 0.0] = 1.0
+    scale[~np.isfinite(scale) | (scale == 0.0)] = 1.0
     return -units / scale * normal(A / scale, e, 1e-5)
 
 
