@@ -106,7 +106,7 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     """
     base = _seen(simulated, loop)
     friction = base.params.get("coulomb", 0.0)
-    if friction <= 0.0 or CREEPS in (t.name for t in loop.terms):
+    if min(friction, base.params["inertia"]) <= 0.0 or CREEPS in (t.name for t in loop.terms):
         return loop
     fitted = {str(name): float(value) for name, value in base.params.items()}
     start = {**loop.start, **fitted, "coulomb": 0.0}
@@ -117,10 +117,10 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     try:
         fit = CLIE(start="axis").fit(Problem(simulated, soft))
         better = _misfit(soft, simulated, fit) < _CREEPS * _misfit(loop, simulated, base)
-        better = better and abs(dry({str(n): float(v) for n, v in fit.params.items()})) < _DRY
     except IVToolsError:
         return loop
-    return replace(soft, start={**soft.start, **fit.params.to_dict()}) if better else loop
+    found = {**soft.start, **{str(name): float(value) for name, value in fit.params.items()}}
+    return replace(soft, start=found) if better and abs(dry(found)) < _DRY else loop
 
 
 def dry(values: Mapping[str, float]) -> float:
