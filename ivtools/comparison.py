@@ -98,10 +98,22 @@ class Comparison(Displayed):
             groups: dict[str, Any] = {"converged": bool(fit.converged), "recommended": why}
             for (group, quantity), value in self._column(label).items():
                 groups.setdefault(group, {})[quantity] = plain(value)
+            for group in ("simulated", "simulated-holdout"):
+                if reasons := self._reasons(label, group):
+                    groups[group] = {**groups.get(group, {}), "reason": reasons}
             out[label] = groups
         if self.functions is not None:
             out["transfer_functions"] = self.functions.to_dict()
         return out
+
+    def _reasons(self, label: str, group: str) -> str:
+        """Return why a simulation has no figures; empty if it has."""
+        head = f"{label}, {group}: "
+        failed = [note.removeprefix(head) for note in self.notes if note.startswith(head)]
+        lost = [s for s in SIGNALS if not np.isfinite(self._column(label).get((group, s), 0.0))]
+        if failed or not lost:
+            return "; ".join(failed)
+        return f"the {', '.join(lost)} cannot be compared: what was measured is 0 throughout"
 
 
 def compare(

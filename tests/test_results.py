@@ -303,6 +303,8 @@ def test_comparison_of_unlike_models_leaves_gaps():
 def test_a_simulation_that_fails_is_a_note():
     comparison = compare([fitted(seed=13)])
     assert comparison.notes == ("idim-ls, simulated: the simulation runs away",)
+    told = comparison.to_dict()["idim-ls"]["simulated"]
+    assert told["reason"] == "the simulation runs away"  # beside figures that are null
     assert "runs away" in str(comparison)
     assert ("simulated", "force") not in comparison.frame.index
     assert ("simulated", "force") not in compare([fitted()], simulate=False).frame.index

@@ -88,6 +88,15 @@ def test_what_is_written_is_what_is_read(folder):
         (('link = "tool"', 'link = "hand"'), "no link 'hand'"),
         (("com = [0.0, 0.0, 0.05]", "com = [0.0]"), "give 3 numbers"),
         (("mass = 1.5", ""), "mass is missing"),
+        (("mass = 1.5", f"mass = 1{'0' * 400}"), "mass is too large for a number"),
+        (("com = [0.0, 0.0, 0.05]", "inertia = [[0.0, 0.0, 0.0]]"), "give 3 rows of 3 numbers"),
+        (("[robot]", "[robot]\ntransmission = [[1.0]]"), "give 6 rows of 6 numbers"),
+        (
+            ("[joint.joint_6.model.start]\ncoulomb = 1.5", "[joint.joint_6.model]\nstart = 1"),
+            "model.start = 1 is not a table",
+        ),
+        (("rate = 1000.0", 'rate = 1000.0\nunits = { q2 = "mm" }'), "revolute joint do not fit"),
+        (("rate = 1000.0", "rate = 1000.0\nunit = 1"), r"\[record\] does not know 'unit'"),
     ],
 )
 def test_a_file_at_fault_says_where(folder, change, message):
@@ -96,6 +105,17 @@ def test_a_file_at_fault_says_where(folder, change, message):
     with pytest.raises(AxisError, match=message) as caught:
         iv.RobotLoop.from_file(file)
     assert "\n" not in str(caught.value)
+
+
+def test_a_log_in_degrees_is_read(folder):
+    frame = iv.datasets.load(str(folder / "log.csv")).to_frame()
+    frame["q1"] = np.rad2deg(frame["q1"])
+    frame.to_csv(folder / "degrees.csv", index=False)
+    units = 'rate = 1000.0\nunits = { q1 = "deg", q2 = "rad" }'
+    (folder / "degrees.toml").write_text(FILE.replace("rate = 1000.0", units))
+    log = iv.RobotLoop.from_file(folder / "degrees.toml").log
+    read = iv.datasets.load(str(folder / "degrees.csv"), None, log)
+    assert read.q == pytest.approx(iv.datasets.load(str(folder / "log.csv")).q)
 
 
 def test_the_verbs_of_a_robot(folder, capsys):

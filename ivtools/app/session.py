@@ -211,7 +211,7 @@ class Session:
         """Return a message that names files as the user knows them."""
         for file, name in ((self.log, self.name), (self.holdout, self.holdout_name)):
             if file and file != name:
-                text = text.replace(file, name)
+                text = text.replace(file, shown(name, 200))
         return re.sub(re.escape(str(self.folder)) + r"/[\w-]+/", "", text)
 
     # --- the end -----------------------------------------------------------------------------

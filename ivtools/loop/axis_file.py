@@ -24,7 +24,7 @@ from .controllers import KINDS, Controller
 from .controllers.controller import COMMON
 from .controllers.filters import LoopFilter
 
-_TABLES: dict[str, tuple[str, ...]] = {
+TABLES: dict[str, tuple[str, ...]] = {
     "axis": ("name", "joint"),
     "record": tuple(f.name for f in fields(RecordFormat)),
     "controller": COMMON,
@@ -76,13 +76,13 @@ def from_tables(tables: Mapping[str, Any]) -> ClosedLoop:
     joint = _text("axis", "joint", axis.get("joint", "prismatic"))
     return ClosedLoop(
         controller=_controller(tables["controller"]),
-        gain=_number("drive", "gain", drive["gain"]),
+        gain=number("drive", "gain", drive["gain"]),
         terms=tuple(terms),
         name=_text("axis", "name", axis.get("name", "axis")),
         joint=joint,
-        delay=_number("drive", "delay", drive.get("delay", 0.0)),
-        start={key: _number("model.start", key, value) for key, value in start.items()},
-        log=_log(tables.get("record", {}), joint),
+        delay=number("drive", "delay", drive.get("delay", 0.0)),
+        start={key: number("model.start", key, value) for key, value in start.items()},
+        log=record_format(tables.get("record", {}), [joint]),
         rows={k: tuple(v) if k == "trim" else v for k, v in tables.get("pipeline", {}).items()},
     )
 
@@ -90,9 +90,9 @@ def from_tables(tables: Mapping[str, Any]) -> ClosedLoop:
 def _check(tables: Mapping[str, Any]) -> None:
     """Refuse what is unknown, and name what is missing."""
     for table, content in tables.items():
-        if table not in _TABLES:
-            raise AxisError(f"[{table}] is not known; known tables: {', '.join(_TABLES)}")
-        known = {*_TABLES[table], *(_SETTINGS if table == "controller" else ())}
+        if table not in TABLES:
+            raise AxisError(f"[{table}] is not known; known tables: {', '.join(TABLES)}")
+        known = {*TABLES[table], *(_SETTINGS if table == "controller" else ())}
         for key in _mapping(table, content):
             if key not in known:
                 raise AxisError(
@@ -114,12 +114,11 @@ def _controller(table: Mapping[str, Any]) -> Controller:
     return Controller(
         kind=table["kind"],
         settings={
-            k: v if isinstance(v, list) else _number("controller", k, v)
-            for k, v in settings.items()
+            k: v if isinstance(v, list) else number("controller", k, v) for k, v in settings.items()
         },
-        velocity_filter=tuple(_number("controller", "velocity_filter", v) for v in taps),
+        velocity_filter=tuple(number("controller", "velocity_filter", v) for v in taps),
         delay=table.get("delay", 0),
-        limit=_number("controller", "limit", table.get("limit", float("inf"))),
+        limit=number("controller", "limit", table.get("limit", float("inf"))),
         velocity=_text("controller", "velocity", table.get("velocity", "differences")),
         filter=LoopFilter.of(_mapping("controller.filter", table["filter"]))
         if "filter" in table
@@ -130,8 +129,19 @@ def _controller(table: Mapping[str, Any]) -> Controller:
     )
 
 
-def _log(table: Mapping[str, Any], joint: str) -> RecordFormat:
-    """Return what the [record] table says about files."""
+def record_format(table: Mapping[str, Any], joints: Sequence[str]) -> RecordFormat:
+    """Return what the [record] table says about files.
+
+    Parameters
+    ----------
+    table : mapping
+    joints : sequence of str
+        ``"prismatic"`` or ``"revolute"``, by joint.
+
+    Raises
+    ------
+    AxisError
+    """
     columns = {k: _text("record.columns", k, v) for k, v in _inner(table, "columns").items()}
     for key in columns:
         if signal_of(key) not in ("t", *SIGNALS):
@@ -145,7 +155,7 @@ def _log(table: Mapping[str, Any], joint: str) -> RecordFormat:
         if name in table
     }
     rest = {k: v for k, v in table.items() if k in ("torque_constant", "rate")}
-    numbers = {k: _number("record", k, v) for k, v in rest.items()}
+    numbers = {k: number("record", k, v) for k, v in rest.items()}
     resample = table.get("resample", False)
     if not isinstance(resample, bool):
         raise AxisError(f"[record] resample = {resample!r}; it is true or false")
@@ -154,7 +164,7 @@ def _log(table: Mapping[str, Any], joint: str) -> RecordFormat:
         log = RecordFormat(columns, units, **scales, **numbers, resample=resample, gaps=gaps)  # type: ignore[arg-type]
     except IVToolsError as error:
         raise AxisError(str(error)) from error
-    _check_joint(log, joint)
+    _check_joints(log, joints)
     return log
 
 
@@ -165,26 +175,29 @@ def _inner(table: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 def _per_signal(name: str, value: Any, units: Mapping[str, str]) -> Mapping[str, float]:
     """Return a number of each signal; one alone is that of every signal in such units."""
     if isinstance(value, Mapping):
-        return {key: _number(f"record.{name}", key, number) for key, number in value.items()}
-    number = _number("record", name, value)
-    return {key: number for key, unit in units.items() if parse(unit).si in _RELATIVE[name]}
+        return {key: number(f"record.{name}", key, scale) for key, scale in value.items()}
+    scale = number("record", name, value)
+    return {key: scale for key, unit in units.items() if parse(unit).si in _RELATIVE[name]}
 
 
-def _check_joint(log: RecordFormat, joint: str) -> None:
+def _check_joints(log: RecordFormat, joints: Sequence[str]) -> None:
     """Refuse units of an angle on a prismatic joint, and of a length on a revolute one."""
-    wrong = "rad" if joint == "prismatic" else "m"
     for key, unit in log.units.items():
+        column = re.search(r"\d+$", key)
+        index = int(column[0]) - 1 if column and len(column[0]) < 4 else 0
+        joint = joints[index] if 0 <= index < len(joints) else joints[0]
+        wrong = "rad" if joint == "prismatic" else "m"
         if parse(unit).si.split("/")[0] == wrong and signal_of(key) in UNITS:
             other = "revolute" if wrong == "rad" else "prismatic"
             raise AxisError(
-                f'[record] units = {{ {key} = "{unit}" }} and [axis] joint = "{joint}" do not fit; '
-                f'write joint = "{other}", or another unit'
+                f'[record] units = {{ {key} = "{unit}" }} and a {joint} joint do not fit; '
+                f'is it {other}? (joint = "{other}"); else name another unit'
             )
 
 
 def _gains(name: str, table: Mapping[str, Any]) -> dict[str, float]:
     given = _mapping(f"controller.{name}", table.get(name, {}))
-    return {k: _number(f"controller.{name}", k, v) for k, v in given.items()}
+    return {k: number(f"controller.{name}", k, v) for k, v in given.items()}
 
 
 def _mapping(name: str, value: Any) -> Mapping[str, Any]:
@@ -193,7 +206,14 @@ def _mapping(name: str, value: Any) -> Mapping[str, Any]:
     return value
 
 
-def _number(table: str, key: str, value: Any) -> float:
+def number(table: str, key: str, value: Any) -> float:
+    """Return a number of a file.
+
+    Raises
+    ------
+    AxisError
+        It is none.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise AxisError(f"[{table}] {key} = {value!r} is not a number")
     try:

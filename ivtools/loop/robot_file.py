@@ -14,7 +14,7 @@ from typing import Any
 from .. import limits
 from ..errors import AxisError, DataError
 from ..robot.robot import Robot
-from .axis_file import axis_tables, from_tables, toml_table
+from .axis_file import TABLES, axis_tables, from_tables, number, record_format, toml_table
 from .robot_loop import RobotLoop
 
 _ROBOT = ("name", "urdf", "mjcf", "joints", "transmission", "gravity")
@@ -60,17 +60,16 @@ def from_robot_tables(tables: Mapping[str, Any], folder: Path) -> RobotLoop:
         robot.joint(name)
         _table(f"joint.{name}", content, (*_SHARED, "limits"))
     axes = [_axis(tables, own.get(name, {}), name) for name in robot.names]
-    log = from_tables(
-        {**_plain(tables), "controller": {"kind": "none"}, "drive": {"gain": 1.0}}
-    ).log
+    joints = ["prismatic" if j.kind == "prismatic" else "revolute" for j in robot.joints]
+    log = record_format(_table("record", tables.get("record", {}), TABLES["record"]), joints)
     start = {
-        k: _number("start", k, v) for k, v in _mapping("start", tables.get("start", {})).items()
+        k: number("start", k, v) for k, v in _mapping("start", tables.get("start", {})).items()
     }
     return RobotLoop(
         robot,
         axes,
         name=str(table.get("name", robot.name)),
-        transmission=table.get("transmission"),
+        transmission=_transmission(table.get("transmission"), robot.n_joints),
         start=start,
         log=log,
     )
@@ -99,8 +98,19 @@ def _with_tool(robot: Robot, table: Mapping[str, Any]) -> Robot:
         if key not in table:
             raise AxisError(f"[tool] {key} is missing; a tool has a link and a mass")
     com = _numbers("tool", "com", table.get("com", [0.0, 0.0, 0.0]), 3)
-    tensor = [_numbers("tool", "inertia", row, 3) for row in table.get("inertia", [[0.0] * 3] * 3)]
-    return robot.with_tool(str(table["link"]), _number("tool", "mass", table["mass"]), com, tensor)
+    rows = table.get("inertia", [[0.0] * 3] * 3)
+    if not isinstance(rows, list) or len(rows) != 3:
+        raise AxisError(f"[tool] inertia = {rows!r}; give 3 rows of 3 numbers")
+    tensor = [_numbers("tool", "inertia", row, 3) for row in rows]
+    return robot.with_tool(str(table["link"]), number("tool", "mass", table["mass"]), com, tensor)
+
+
+def _transmission(rows: Any, n: int) -> list[list[float]] | None:
+    if rows is None:
+        return None
+    if not isinstance(rows, list) or len(rows) != n:
+        raise AxisError(f"[robot] transmission = {rows!r}; give {n} rows of {n} numbers")
+    return [_numbers("robot", "transmission", row, n) for row in rows]
 
 
 def _axis(tables: Mapping[str, Any], own: Mapping[str, Any], name: str) -> Any:
@@ -112,7 +122,11 @@ def _axis(tables: Mapping[str, Any], own: Mapping[str, Any], name: str) -> Any:
             default = {}  # the settings of another kind say nothing
         merged[key] = {**default, **change}
         if key == "model":
-            both = {**default.get("start", {}), **change.get("start", {})}
+            both = {
+                k: v
+                for table in (default, change)
+                for k, v in _mapping("model.start", table.get("start", {})).items()
+            }
             merged[key] |= {"start": both} if both else {}
     merged["model"].setdefault("terms", ["inertia", "viscous", "coulomb", "offset"])
     merged["drive"].setdefault("gain", 1.0)
@@ -121,10 +135,6 @@ def _axis(tables: Mapping[str, Any], own: Mapping[str, Any], name: str) -> Any:
         return from_tables(merged)
     except AxisError as error:
         raise AxisError(f"joint {name}: {error}") from error
-
-
-def _plain(tables: Mapping[str, Any]) -> dict[str, Any]:
-    return {"record": tables["record"]} if "record" in tables else {}
 
 
 def write(loop: RobotLoop, model: str) -> str:
@@ -168,13 +178,7 @@ def _mapping(name: str, content: Any) -> Mapping[str, Any]:
     return content
 
 
-def _number(table: str, key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise AxisError(f"[{table}] {key} = {value!r} is not a number")
-    return float(value)
-
-
 def _numbers(table: str, key: str, value: Any, count: int) -> list[float]:
     if not isinstance(value, list) or len(value) != count:
         raise AxisError(f"[{table}] {key} = {value!r}; give {count} numbers")
-    return [_number(table, key, x) for x in value]
+    return [number(table, key, x) for x in value]

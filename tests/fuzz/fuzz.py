@@ -17,13 +17,21 @@ from inputs import KINDS
 from verbs import Bound, faults
 
 
-def tried(kind: str, seed: int, bound: Bound) -> list[str]:
-    """Return what is wrong with how the input of a seed ends, by every verb that it goes to."""
+def tried(
+    kind: str, seed: int, bound: Bound, ends: Counter[tuple[str, str]] | None = None
+) -> list[str]:
+    """Return what is wrong with how the input of a seed ends, by every verb that it goes to.
+
+    How often each verb ended how is counted in `ends`.
+    """
     wrong = []
-    rng = np.random.default_rng([sorted(KINDS).index(kind), seed])
+    rng = np.random.default_rng([list(KINDS).index(kind), seed])
     with tempfile.TemporaryDirectory() as folder:
         for command in KINDS[kind](rng, Path(folder)):
-            wrong += [f"{command[0]}: {fault}" for fault in faults(command[0], bound.run(command))]
+            found = bound.run(command)
+            if ends is not None:
+                ends[command[0], str(found.get("status", "died"))] += 1
+            wrong += [f"{command[0]}: {fault}" for fault in faults(command[0], found)]
     return wrong
 
 
@@ -33,19 +41,24 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--kind", choices=sorted(KINDS), action="append")
     parser.add_argument("--seed", type=int, default=0, help="the first one")
+    parser.add_argument("--last", type=int, help="seed to end with, before the time is over")
     given = parser.parse_args()
     until, counts, bad = time.monotonic() + 60.0 * given.minutes, Counter[str](), 0
-    bound, seed = Bound(), given.seed
-    while time.monotonic() < until:
+    bound, seed, ends = Bound(), given.seed, Counter[tuple[str, str]]()
+    while time.monotonic() < until and (given.last is None or seed <= given.last):
         for kind in given.kind or sorted(KINDS):
             counts[kind] += 1
-            wrong = tried(kind, seed, bound)
+            wrong = tried(kind, seed, bound, ends)
             for fault in wrong:
                 print(f"{kind} {seed}: {fault}", flush=True)
             bad += bool(wrong)
         seed += 1
+        if seed % 500 == 0:
+            print(f"seed {seed}: {counts.total()} tried, {bad} ended badly", flush=True)
     bound.close()
     print(f"{dict(counts)} tried, {bad} ended badly")
+    print({f"{verb}, status {status}": n for (verb, status), n in sorted(ends.items())})
+    print(f"longest {bound.most_cpu:.1f} s of processor time, {bound.most_seconds:.1f} s by clock")
     return bad
 
 

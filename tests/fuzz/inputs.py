@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from machines import models, robots, uploads
 from mutators import Generator, damaged_bytes, damaged_signals, damaged_tables, toml
 
 import ivtools as iv
@@ -24,7 +25,7 @@ def _record(samples: int = 3000) -> dict[str, np.ndarray]:
 
 
 @cache
-def _files() -> dict[str, bytes]:
+def files() -> dict[str, bytes]:
     """Sound records in every format."""
     import io
 
@@ -44,13 +45,23 @@ def _files() -> dict[str, bytes]:
     }  # fmt: skip
 
 
+_SHARES = (0.25, 0.25, 0.05, 0.2, 0.25)  # of the files by name; mat starts a process for each
+
+
 def readers(rng: Generator, folder: Path) -> Commands:
     """A damaged record file."""
-    names = sorted(_files())
-    name = names[rng.integers(len(names))]
+    known = files()
+    name = str(rng.choice(sorted(known), p=_SHARES))
     file = folder / name
-    file.write_bytes(damaged_bytes(_files()[name], rng))
+    file.write_bytes(damaged_bytes(known[name], rng))
     yield ["identify", str(file), "--axis", "emps", "--json", str(folder / "out.json")]
+
+
+def _log(folder: Path) -> str:
+    """Write a short sound record, and return its name."""
+    file = folder / "sound.parquet"
+    file.write_bytes(files()["p.parquet"])
+    return str(file)
 
 
 def axes(rng: Generator, folder: Path) -> Commands:
@@ -64,7 +75,7 @@ def axes(rng: Generator, folder: Path) -> Commands:
         text = damaged_bytes(sound.encode(), rng)
     file = folder / "axis.toml"
     file.write_bytes(text)
-    yield ["simulate", "twin", "--axis", str(file), "--json", str(folder / "out.json")]
+    yield ["simulate", _log(folder), "--axis", str(file), "--json", str(folder / "out.json")]
 
 
 def thetas(rng: Generator, folder: Path) -> Commands:
@@ -73,7 +84,8 @@ def thetas(rng: Generator, folder: Path) -> Commands:
     text = json.dumps(damaged_tables(sound, rng)).encode()
     file = folder / "theta.json"
     file.write_bytes(damaged_bytes(text, rng) if rng.random() < 0.4 else text)
-    yield ["simulate", "twin", "--theta", str(file), "--json", str(folder / "out.json")]
+    base = [_log(folder), "--axis", "emps", "--theta", str(file)]
+    yield ["simulate", *base, "--json", str(folder / "out.json")]
 
 
 def studies(rng: Generator, folder: Path) -> Commands:
@@ -108,6 +120,8 @@ def records(rng: Generator, folder: Path) -> Commands:
     yield ["diagnose", *base]
 
 
+#: In the order in which they came, of which the seeds depend.
 KINDS: dict[str, Callable[[Generator, Path], Commands]] = {
-    kind.__name__: kind for kind in (readers, axes, thetas, studies, records)
+    kind.__name__: kind
+    for kind in (axes, readers, records, studies, thetas, models, robots, uploads)
 }
