@@ -211,6 +211,26 @@ def test_a_motor_gets_the_command_of_the_axis_controller(tmp_path):
         assert rms(ours.nu - theirs.nu) < 0.01 * rms(theirs.nu), kind
 
 
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("cogging", {"cosine": 1.0, "sine": 0.6, "period": 0.01}),
+        ("spring", {"stiffness": 60.0, "curvature": 0.0}),
+    ],
+)
+def test_creeping_friction_takes_up_its_share_of_every_force(tmp_path, effect, values):
+    file = cart(tmp_path, armature="0.1", more='frictionloss="1"')
+    plain, record = iv.ClosedLoop.from_mjcf(file, "x"), reference()
+    soft = {"force": 1.0, "speed": 1.0 / (0.4 * 0.9 * 105.0), "hold": 0.9}
+    ours = plain.with_effect("regularised-coulomb", **soft).with_effect(effect, **values)
+    lacking = plain.with_effect(effect, **values)
+    better = export(file, "x", lacking, lacking.values(lacking.start)).write(tmp_path / "b.xml")
+    theirs = iv.MujocoSimulator(better, "x").simulate(record)
+    given = record.replace(dq=np.gradient(record.q[:, 0], 1e-3))
+    nu = ours.simulate(given, {"coulomb": 0.0}, initial="rest").nu
+    assert rms(nu - theirs.nu) < 0.03 * rms(theirs.nu)
+
+
 @pytest.mark.parametrize("timing", [{"delay": 0.003}, {"lag": 0.004}])
 def test_a_late_drive_is_late_in_mujoco_too(tmp_path, timing):
     from dataclasses import replace

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..loop import ClosedLoop
-from ..physics import Term
+from ..physics import EFFECTS, Term
 from .candidate import Trial, attempt, frozen
 from .fit import Fit, gauss_newton, steps
 from .fold import Side
@@ -32,6 +32,7 @@ from .rules import (
     ROUGH,
     SUPERFLUOUS,
     SUREST,
+    TIE,
     UNNAMED,
     WEIGHTS,
     WORTH_A_FIT,
@@ -177,10 +178,16 @@ class Round:
     scores: tuple[Array, ...] = ()
     qualified: tuple[Trial, ...] = ()
 
-    @property
+    @cached_property
     def best(self) -> Trial | None:
-        """What is named in this round."""
-        return max(self.qualified, key=lambda t: t.gain, default=None)
+        """What is named in this round: of equals, which the library lists first."""
+        best = max(self.qualified, key=lambda t: t.gain, default=None)
+        if best is None:
+            return None
+        gain, t_value = TIE
+        near = [t for t in self.qualified if t.gain >= (1.0 - gain) * best.gain]
+        equal = {t.name: t for t in near if t is best or best.advantage(t) < t_value}
+        return next((equal[name] for name in EFFECTS if name in equal), best)
 
     def rivals(self, rules: Rules, left: float) -> tuple[Trial, ...]:
         """Return what is not distinguishable from the best: the same change, as large.

@@ -80,6 +80,7 @@ def _one_of(names):
 
 
 BITS = {n: 1 << i for i, n in enumerate(n for n, t in TERMS.items() if t.law and n not in PLAIN)}
+_NET = sum(BITS[n] for n in BITS if TERMS[n].net)  # one at most: two would have to be solved
 _first, _second, _third = (_fields(OWN[i : i + 4]) for i in (0, 4, 8))
 plain_resistance = _sum(_ALWAYS)
 _law = _one_of(tuple(BITS))
@@ -115,13 +116,17 @@ def user_law(terms):
 @compiled
 def extra_resistance(q, v, s, tau, t, p, on, user):
     """Return the force of the effects that oppose a motion in direction s, N."""
-    f, laws, place = 0.0, on["laws"], q + p["apart"]
+    f, laws, place = 0.0, on["laws"] & ~_NET, q + p["apart"]
     while laws:
         bit = laws & -laws
         f += _law(bit, place, v, s, tau, t, p)
         laws ^= bit
     if on["own"]:
         f += _own_law(place, v, s, tau, t, p, user)
+    net = on["laws"] & _NET
+    if net:
+        drives = tau - f - plain_resistance(q, v, s, tau, t, p)
+        f += _law(net, place, v, s, drives, t, p)
     return f
 
 

@@ -133,14 +133,15 @@ REGULARISED_COULOMB = Term(
             scan=(0.0, 0.8, 1.6, 3.2),
         ),
     ),
-    "F clip(dq/v + h tau, -1, 1) instead of a part of Fc sign(dq): it creeps where dry friction "
-    "sticks; F h: share of the drive force that it takes up before it slides, 0.9 to 0.95 in "
-    "MuJoCo as it ships",
+    "F clip(dq/v + h net, -1, 1) instead of a part of Fc sign(dq), net: drive force less all other "
+    "forces; it creeps where dry friction sticks; F h: share of the net force that it takes up "
+    "before it slides, 0.9 to 0.95 in MuJoCo as it ships",
     "E. Todorov, IEEE Int. Conf. Robotics and Automation, 2014: friction of a common simulator",
     law=lambda q, dq, ddq, sign, tau, t, f, v, h: (
         f * np.minimum(np.maximum(dq / v + h * tau, -1.0), 1.0)
     ),
     everywhere=True,
+    net=True,
 )
 
 POSITION_FRICTION = Term(

@@ -111,6 +111,8 @@ class Term:
     everywhere : bool
         Whether any axis shows a little of it, as around reversals: it must be a good part of the
         gap to be named.
+    net : bool
+        Whether its law takes, for `tau`, what all other laws leave of the drive force.
     slot : str
         The place in the loop that it takes, if only one effect can have it.
     joint : str
@@ -133,6 +135,7 @@ class Term:
     substeps: int = 1
     search: Search = "scan"
     everywhere: bool = False
+    net: bool = False
     slot: str = ""
     joint: str = ""
     weight: Weight | None = field(default=None, compare=False)

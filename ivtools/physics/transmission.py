@@ -217,4 +217,4 @@ def contact(stretch: float, rate: float, k: float, c: float, gap: float) -> floa
     return 0.0
 
 
-TERMS = (INERTIA, OFFSET, GRAVITY, OFFSET_DRIFT, SPRING, COGGING, FLEXIBILITY, BACKLASH)
+TERMS = (INERTIA, OFFSET, OFFSET_DRIFT, SPRING, GRAVITY, COGGING, FLEXIBILITY, BACKLASH)

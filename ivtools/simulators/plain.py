@@ -84,10 +84,11 @@ def program(loop: ClosedLoop, theta: Mapping[str, float], dt: float = 1e-3) -> s
             f"{', '.join(missing)} is more than a force over the motion; export json has its "
             "equation, export mjcf a model that holds it"
         )
-    laws = {term.name.replace("-", "_"): term for term in loop.terms if term.law is not None}
+    terms = sorted(loop.terms, key=lambda t: t.net)  # last what takes up what the others leave
+    laws = {term.name.replace("-", "_"): term for term in terms if term.law is not None}
     law = loop.controller.law(dt)
     calls = [
-        f"    total = total + {name}(q, dq, ddq, sign, tau, t, "
+        f"    total = total + {name}(q, dq, ddq, sign, tau{' - total' * term.net}, t, "
         + ", ".join(repr(values[n]) for n in term.names)
         + f")  # {_units(term, loop.joint)}"
         for name, term in laws.items()
