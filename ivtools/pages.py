@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from ivtools.results import FitResults
     from ivtools.transfer_table import TransferTable
 
-VAGUE = 0.2  # a standard error above this share of the value tells little of it
 ILL_CONDITIONED = 200.0
 CLOSE = 5.0  # % of the force; friction that is not in the model leaves more
 FORCE_CAPTION = "Force measured and reconstructed; below, their difference."
@@ -81,11 +80,10 @@ def _doubts(fit: FitResults) -> Iterator[str]:
     """Yield what keeps a result from being trusted, each with its remedy."""
     if not fit.converged:
         yield "Start nearer (axis file, [model.start]), or take DIDIM or IDIM-IV instead."
-    vague = [n for n in fit.names if fit.std_errors[n] > VAGUE * abs(fit.params[n])]
-    if vague:
+    if fit.converged and (weak := fit.weak()):
         yield (
-            f"{', '.join(vague)}: the standard error is above {100 * VAGUE:.0f} % of the value; "
-            "leave it out of the model, or move the axis in a way that shows it."
+            f"{', '.join(weak)}: may be more than 20 % off by what the record says; leave it out "
+            "of the model, or move the axis in a way that shows it."
         )
     if fit.condition_number > ILL_CONDITIONED:
         yield "The condition number is high: vary speed and acceleration more."

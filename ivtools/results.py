@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ivtools import linalg
 from ivtools.display import plain
 from ivtools.errors import EstimationError
-from ivtools.estimates import Estimates
+from ivtools.estimates import Estimates, critical_values
 from ivtools.goodness import ErrorFigures, Goodness
 from ivtools.hypothesis import WithTests
 from ivtools.joint_figures import joint_notes, robot_dict
@@ -263,6 +263,18 @@ class FitResults(Estimates, Goodness, WithTests):
             return ()
         return tuple(self.params.index[~(self.relative_std <= limit)])
 
+    def weak(self, limit: float = 20.0, alpha: float = 1e-3) -> tuple[str, ...]:
+        """Return the parameters that may be further off than a limit, in %, converged or not.
+
+        They are those whose interval of level 1 - alpha reaches beyond it, or is unknown; none
+        where a method withholds all deviations. `converged` says that the equations are solved,
+        this how much the record says of each parameter.
+        """
+        if self.cov_type == WITHHELD:
+            return ()
+        reach = critical_values(self.degrees_of_freedom, alpha) * self.relative_std
+        return tuple(self.params.index[~(reach <= limit)])
+
     def to_dict(self, tests: bool = True) -> dict[str, Any]:
         """Return the content as plain objects, ready for JSON.
 
@@ -293,23 +305,28 @@ class FitResults(Estimates, Goodness, WithTests):
         alpha : float
             One less the level of the confidence intervals.
         limit : float
-            Relative deviation, in %, above which a parameter is marked as not identifiable.
+            Relative deviation, in %, above which a parameter is marked ``*`` as not identifiable;
+            ``~`` marks what is known better, and yet `weak`.
 
         Returns
         -------
         Text
             A string that prints as a table, and shows itself in a notebook.
         """
-        weak = self.not_identifiable(limit) if self.converged else ()
+        vague = self.not_identifiable(limit) if self.converged else ()
+        weak = [n for n in self.weak() if n not in vague] if self.converged else []
+        marks = dict.fromkeys(weak, "~") | dict.fromkeys(vague, "*")
         header = ["", "unit", "value", "std error", "rel. %"]
         header += [f"[{0.5 * alpha:.3g}", f"{1.0 - 0.5 * alpha:.3g}]", ""]
         rows = [
             [name, unit, *rounded(value, std), dashed(relative, ".2f")]
-            + [rounded(low, std)[0], rounded(up, std)[0], "*" if name in weak else ""]
+            + [rounded(low, std)[0], rounded(up, std)[0], marks.get(name, "")]
             for name, unit, value, std, relative, low, up in self.frame(alpha).to_records().tolist()
         ]
         notes = [*self.notes, *joint_notes(self)]
         if weak:
+            notes.insert(0, "~ may be more than 20 % off: its 99.9 % interval reaches further")
+        if vague:
             notes.insert(0, f"* relative deviation above {limit:g} %: not identifiable from this "
                             "record")  # fmt: skip
         title = f"{self.method.upper()} estimate"

@@ -151,6 +151,18 @@ def test_parameters_that_the_record_does_not_show_are_marked():
     assert unknown.not_identifiable() == NAMES
 
 
+def test_parameters_that_may_be_far_off_are_marked_though_the_fit_has_converged():
+    fit = fitted()
+    name = str(fit.relative_std.idxmax())
+    width = 100.0 * (fit.conf_int(1e-3)["upper"] / fit.params - 1.0).abs()
+    assert fit.weak(1.001 * width.max()) == () and fit.weak(0.999 * width.max()) == (name,)
+    assert replace(fit, cov=fit.cov * np.nan).weak() == NAMES
+    sized = replace(fit, cov=fit.cov * (8.0 / fit.relative_std.max()) ** 2)  # 8 %
+    marked = [row for row in lines(sized.summary()) if row.endswith("~")]
+    assert [row.split()[0] for row in marked] == list(sized.weak()) and name in sized.weak()
+    assert sum("may be more than 20 % off" in row for row in lines(sized.summary())) == 1
+
+
 def test_summary_is_an_aligned_table_of_eighty_columns():
     text = fitted(notes=("started from the axis file",), n_simulations=3).summary()
     rows = lines(text)

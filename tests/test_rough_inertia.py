@@ -9,6 +9,7 @@ from ivtools import Problem
 from ivtools.errors import AxisError
 from ivtools.gap.preflight import doubts
 from ivtools.loop import ClosedLoop
+from ivtools.loop import rough_inertia as module
 from ivtools.loop.controllers import Controller
 from ivtools.loop.rough_inertia import rough_inertia, shown_inertia, start_values
 from ivtools.record import Record
@@ -133,6 +134,18 @@ def test_a_compensation_of_gravity_is_no_wrong_sign(size):
     force = size * np.std(a.record.nu) * np.cos(a.record.q)
     assert doubts(a.record.replace(nu=a.record.nu + force), a.loop) == ()
     assert "opposite sign" in doubts(a.record.replace(nu=force - a.record.nu), a.loop)[0]
+
+
+def test_it_is_found_once_per_model_and_record(monkeypatch):
+    calls, whole = [], module.shown_inertia
+    monkeypatch.setattr(
+        module, "shown_inertia", lambda *given: calls.append(given) or whole(*given)
+    )
+    a = axis(0)
+    problem = Problem(a.record, a.loop)
+    assert problem.start["inertia"] > 0.0 and len(calls) == 1
+    other = ClosedLoop(a.loop.controller, 2.0 * a.loop.gain, a.loop.terms, joint=a.loop.joint)
+    assert rough_inertia(other, a.record) > rough_inertia(a.loop, a.record) and len(calls) == 2
 
 
 @pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")

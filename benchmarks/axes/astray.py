@@ -1,7 +1,8 @@
 """Whether a fit on a drawn axis that says it converged is far off: one record of each of 1000.
 
-    python -m benchmarks.axes.astray rows.csv 540     # goes on where rows.csv ends, for 540 s
-    python -m benchmarks.axes.astray rows.csv         # writes benchmarks/results/axes/astray.md
+    python -m benchmarks.axes.astray run rows.csv 540       # goes on where rows.csv ends, for 540 s
+    python -m benchmarks.axes.astray run half.csv 540 500   # the same, from record 500 on
+    python -m benchmarks.axes.astray table rows.csv ...     # writes results/axes/astray.md
 
 Each record is that of another axis; rows are appended record by record.
 """
@@ -47,7 +48,7 @@ What instruments contradict counts as not converged: that is what least squares 
 
 
 RESULTS = Path(__file__).parents[1] / "results" / "axes"
-SEED, RECORDS = 2030, 1000
+SEED, RECORDS = 2033, 1000
 METHODS = ("idim-ls", "ddm-ls", "idim-iv", "idim-bciv", "idim-piv", "didim")
 SELDOM = ("idim-wls", "ml", "lmi-ls", "lmi-iv", "ddm-iv", "clie", "cloe", "oloe", "set-membership")
 EVERY = 5  # the records that the slower ones get
@@ -83,11 +84,12 @@ def _fitted(index: int, case: Case, problem: iv.Problem, method: str) -> list[di
     ]
 
 
-def run(path: Path, seconds: float) -> None:
-    """Append the records that are not there, until the time is up."""
-    done = 1 + int(pd.read_csv(path, usecols=["record"])["record"].max()) if path.exists() else 0
+def run(path: Path, seconds: float, first: int = 0, last: int = RECORDS) -> None:
+    """Append the records of [first, last) that are not there, until the time is up."""
+    if path.exists():
+        first = 1 + int(pd.read_csv(path, usecols=["record"])["record"].max())
     cases, end = population(RECORDS, SEED), monotonic() + seconds
-    for index in range(done, RECORDS):
+    for index in range(first, last):
         if monotonic() > end:
             return
         table = pd.DataFrame(rows_of(index, cases[index]))
@@ -146,16 +148,17 @@ def markdown(table: pd.DataFrame) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main(path: Path) -> None:
+def main(paths: list[str]) -> None:
     """Write the tables."""
-    table = pd.read_csv(path)
+    table = pd.concat([pd.read_csv(path) for path in paths], ignore_index=True)
     RESULTS.mkdir(parents=True, exist_ok=True)
     summary(table).to_csv(RESULTS / "astray.csv", index=False, float_format="%.4g")
     (RESULTS / "astray.md").write_text(markdown(table), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 2:
-        run(Path(sys.argv[1]), float(sys.argv[2]))
+    task, *rest = sys.argv[1:]
+    if task == "run":
+        run(Path(rest[0]), float(rest[1]), *(int(part) for part in rest[2:]))
     else:
-        main(Path(sys.argv[1]))
+        main(rest)

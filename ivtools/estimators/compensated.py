@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from ivtools.errors import ConvergenceWarning, EstimationError, IVToolsError
 from ivtools.estimators.base import Estimator
-from ivtools.estimators.instrumental import IDIMIV, Path, Step, System, norm, within_bounds
+from ivtools.estimators.instrumental import IDIMIV, within_bounds
 from ivtools.estimators.iteration import starting_values
 from ivtools.estimators.least_squares import IDIMLS
+from ivtools.estimators.step import Path, Step, System, norm
 from ivtools.results import FitResults
 
 if TYPE_CHECKING:

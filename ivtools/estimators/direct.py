@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.estimators.base import Estimator
-from ivtools.estimators.instrumental import IDIMIV, System, within_bounds
+from ivtools.estimators.instrumental import IDIMIV, within_bounds
+from ivtools.estimators.step import System
 from ivtools.linalg import solve_iv
 from ivtools.results import FitResults
 

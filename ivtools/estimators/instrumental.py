@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,8 @@ from ivtools.estimators.iteration import (
     starting_values,
 )
 from ivtools.estimators.least_squares import joint_weights
-from ivtools.linalg import Weights, covariance, solve_iv
+from ivtools.estimators.step import FAR, Path, Step, System, norm
+from ivtools.linalg import Weights, solve_iv
 from ivtools.loop import ClosedLoop
 from ivtools.results import FitResults
 
@@ -28,88 +29,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FAR = 0.1  # a step that moves a parameter by more is far from convergence
-STEADY = 1e-2  # a step that moves a parameter by less is near
 HELD = 3e-3  # a step that moves a parameter by less changes no observed direction any more
 AVERAGED = 8  # steps after which one goes half the way: what circles, or repels, then settles
 NEGLIGIBLE = 0.1  # standard errors: a late step that moves no parameter by more is the last
 _HALVINGS = 6
-
-
-class System(NamedTuple):
-    """The equations of one step, y = X theta + e, and their instruments.
-
-    Attributes
-    ----------
-    X, y, Z : (N, p), (N,), (N, p) ndarray
-    joints : (N,) ndarray of int
-        Joint of each row.
-    t : (N,) ndarray
-        Time of each row, s.
-    """
-
-    X: Array
-    y: Array
-    Z: Array
-    joints: NDArray[np.int_]
-    t: Array
-
-
-class Step(NamedTuple):
-    """One step: the system simulated at `at` (p,) and its solution `theta` (p,).
-
-    `scaled` says whether the loop had its gain scaled; `change` is the largest relative change of
-    a parameter. A `late` step is one of many: there, FAR is no less than a standard error.
-    """
-
-    at: Array
-    theta: Array
-    system: System
-    weights: Weights | None
-    change: float
-    scaled: bool
-    late: bool = False
-
-    @property
-    def near(self) -> bool:
-        """Whether the solution is near enough for weights and for the loop's own gain."""
-        return self.change <= FAR or self.weights is not None
-
-    @property
-    def resids(self) -> Array:
-        """Residual of the solution, (N,), N or N m."""
-        return self.system.y - self.system.X @ self.theta
-
-    @property
-    def length(self) -> float:
-        """How far the step moves the force of the simulated motion, N or N m."""
-        return norm(self.system.Z @ (self.theta - self.at))
-
-    def lengthens(self, last: Step | None) -> bool:
-        """Whether this step is longer than the last one, which an approach is not.
-
-        Steps of other weights, or of a loop with its gain scaled, do not compare; nor do small
-        ones, as a sample that turns its direction changes the equations.
-        """
-        if last is None or last.scaled or self.scaled or self.late:
-            return False
-        if self.weights is not last.weights:
-            return False
-        return self.change > STEADY and self.length > last.length
-
-
-class Path(NamedTuple):
-    """Where an iteration has got to: its last step, what it took, and why it stopped.
-
-    `misfits` are those of its points (`IDIMIV.misfit`), the last one's last.
-    """
-
-    step: Step | None
-    n_iter: int
-    n_simulations: int
-    converged: bool
-    failure: str
-    misfits: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -274,7 +197,7 @@ class IDIMIV(Estimator):
         new = solve_iv(system.X, system.y, system.Z, weights, problem.names)  # (p,)
         step = Step(theta, new, system, weights, 0.0, far, late)
         change = relative_change(theta, new, system.X, system.y)
-        return step._replace(change=min(change, FAR * _moved(step)) if late else change)
+        return step._replace(change=min(change, FAR * step.moved) if late else change)
 
     def _settled(self, last: Step | None, step: Step) -> bool:
         """Whether the parameters and the norm of the residual have stopped to change."""
@@ -316,14 +239,6 @@ class IDIMIV(Estimator):
         )
 
 
-def _moved(step: Step) -> float:
-    """Return how far a step moves a parameter, at most, in standard errors."""
-    X, _, Z = step.system[:3]
-    variance = np.diag(covariance(X, step.resids, Z, weights=step.weights))  # (p,)
-    moved = np.abs(step.theta - step.at)
-    return float(np.max(np.divide(moved, np.sqrt(variance), where=moved > 0.0, out=0.0 * moved)))
-
-
 def within_bounds(problem: Problem, theta: Array) -> Array:
     """Return theta (p,) with every parameter inside its physical bounds, for a simulation.
 
@@ -354,8 +269,3 @@ def huber(resids: Array, weights: Array | None = None) -> Array:
     scale = float(mad(scaled, center=0.0))
     factor = HuberT().weights(scaled / scale) if scale > 0.0 else np.ones_like(resids)
     return factor if weights is None else factor * weights
-
-
-def norm(x: Array) -> float:
-    """Return the Euclidean norm."""
-    return float(np.linalg.norm(x))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.estimators.compensated import IDIMBCIV
-from ivtools.estimators.instrumental import STEADY, Step, System
+from ivtools.estimators.step import STEADY, Step, System
 from ivtools.linalg import NoiseModel, Weights, covariance, segment_starts, solve_iv
 from ivtools.linalg.noise import MAX_ORDER, Criterion
 

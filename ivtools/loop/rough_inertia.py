@@ -9,7 +9,8 @@ q^3 and, where the axis turns, sin q and cos q.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,7 +158,7 @@ def rough_inertia(loop: ClosedLoop, record: Record) -> float:
 
     The terms of the model alone decide, unless a force over the position would change their
     answer; where a motion cannot tell the inertia from such a force (a sine and a spring), the
-    size of force and acceleration is all there is.
+    size of force and acceleration is all there is. It is found once per model and record.
 
     Raises
     ------
@@ -170,6 +171,15 @@ def rough_inertia(loop: ClosedLoop, record: Record) -> float:
     >>> 80.0 < rough_inertia(iv.axes.emps(), iv.datasets.twin()) < 110.0
     True
     """
+    found = _FOUND.setdefault(record, {})
+    model = (tuple((t.name, t.law) for t in loop.terms), tuple(sorted(loop.start.items())))
+    key = (loop.gain, loop.delay, loop.joint, *model)
+    if key not in found:
+        found[key] = _found(loop, record)
+    return found[key]
+
+
+def _found(loop: ClosedLoop, record: Record) -> float:
     plain, free = shown_inertia(loop, record)
     if free.negative:
         raise AxisError(
@@ -256,3 +266,6 @@ def _by_size(loop: ClosedLoop, record: Record) -> float:
     cutoff = min(10.0 * _PERIODS / (record.n_samples * record.dt), _WIDEST * record.sampling_hz)
     force, ddq = _rows(cutoff, loop, record)[:, :2].T
     return float(np.std(force) / np.std(ddq))
+
+
+_FOUND: WeakKeyDictionary[Record, dict[Any, float]] = WeakKeyDictionary()
