@@ -78,17 +78,20 @@ class Information:
 
     def __call__(self, motion: Motion) -> Cost:
         """Return the criterion of a motion and its derivative."""
-        X = self.matrix(motion) * self._weights[:, np.newaxis, np.newaxis]
-        rows = X.reshape(-1, X.shape[2])
+        X = self.matrix(motion)
+        rows = (X * self._weights[:, np.newaxis, np.newaxis]).reshape(-1, X.shape[2])
         value, S = self._scored(rows.T @ rows)
-        slopes = self._slopes(motion, S)
-        return Cost(value + float(self._excess(self.matrix(motion)).sum()), slopes)
+        excess, pushed = self._excess(X)
+        by = 2.0 * (self._weights[:, np.newaxis, np.newaxis] ** 2 * X) @ S  # (joints, n, p)
+        if pushed is not None:
+            by += pushed[:, :, np.newaxis] * self._theta
+        return Cost(value + excess, self._slopes(motion, by))
 
-    def _slopes(self, motion: Motion, S: Array) -> Motion:
-        """Return the derivative by every sample of every signal, S (p, p) that by the matrix.
+    def _slopes(self, motion: Motion, by: Array) -> Motion:
+        """Return the derivative by every sample of every signal, `by` that by the matrix.
 
-        What the criterion does is a sum over samples, so one difference per signal and joint
-        serves all samples; the changed motions follow each other as if they were one.
+        Each sample has rows of its own, so one difference per signal and joint serves all
+        samples; the changed motions follow each other as if they were one.
         """
         n, joints = motion.q.shape
         steps = _SHARE * np.array(self._sizes)  # (3, joints)
@@ -96,7 +99,8 @@ class Information:
         for k in range(3 * joints):
             signal, joint = divmod(k, joints)
             moved[signal][(k + 1) * n : (k + 2) * n, joint] += steps[signal, joint]
-        worth = self._worth(Motion(*moved), S).reshape(1 + 3 * joints, n)
+        X = self.matrix(Motion(*moved)).reshape(joints, 1 + 3 * joints, n, -1)
+        worth = np.einsum("jknp,jnp->kn", X, by)
         slopes = (worth[1:] - worth[0]) / steps.ravel()[:, np.newaxis]
         return Motion(*slopes.reshape(3, joints, n).transpose(0, 2, 1))
 
@@ -129,15 +133,11 @@ class Information:
         slope = (up / up.sum() - down / down.sum()) / values
         return 0.5 * value, 0.5 * (V * slope) @ V.T  # of the matrix itself, not of its square
 
-    def _excess(self, X: Array) -> Array:
-        """Return what efforts beyond their limits cost, (n_samples,)."""
-        if not np.isfinite(self.limits.effort).any():
-            return np.zeros(X.shape[1])
-        effort = np.abs(X @ self._theta) / self.limits.effort[:, np.newaxis]
-        return np.asarray(_OVER * (np.maximum(effort - _EFFORT, 0.0) ** 2).sum(axis=0))
-
-    def _worth(self, motion: Motion, S: Array) -> Array:
-        """Return the function of single samples whose sum has the criterion's derivative."""
-        X = self.matrix(motion)
-        scaled = X * self._weights[:, np.newaxis, np.newaxis]
-        return np.asarray(((scaled @ S) * scaled).sum(axis=(0, 2)) + self._excess(X), dtype=float)
+    def _excess(self, X: Array) -> tuple[float, Array | None]:
+        """Return what efforts beyond their limits cost, and its derivative by them (joints, n)."""
+        most = self.limits.effort[:, np.newaxis]
+        if not np.isfinite(most).any():
+            return 0.0, None
+        effort = X @ self._theta
+        over = np.maximum(np.abs(effort) / most - _EFFORT, 0.0)
+        return float(_OVER * (over**2).sum()), 2.0 * _OVER * over * np.sign(effort) / most

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +20,28 @@ from .limits import Limits
 Array = NDArray[np.float64]
 
 HARMONICS = (4, 5, 8)  # of random series; with the period they say the bandwidth
-WIDER = (8, 12, 12)  # to which the best ones are then allowed
-STARTS, BEST = 10, 2  # searches, and those that go on
+STARTS = 24  # searches
+
+
+class Stage(NamedTuple):
+    """Searches with so many harmonics at least; how sharp, how long, and how many then go on."""
+
+    harmonics: int
+    powers: tuple[float, ...]
+    steps: int
+    kept: int
+
+
+#: What a short search finds says more of a start than what the start is worth: many begin, few end.
+STAGES = (
+    Stage(12, (2.0,), 40, 10),
+    Stage(16, (4.0,), 60, 5),
+    Stage(16, (12.0,), 80, 3),
+    Stage(20, (4.0, 20.0), 80, 2),
+    Stage(20, (60.0,), 120, 1),
+)
 _PER_WAVE = 12  # samples of the shortest wave while searching
 _FINE = 60  # and when limits are made to hold
-_POWERS = (2.0, 6.0, 20.0)  # of the smooth condition number, one after the other
-_STEPS = 80  # of the search, at each
 _WEIGHT = 100.0  # of motion beyond its limits
 _SHRINK, _SHRINKS = 0.95, 60
 
@@ -42,9 +59,9 @@ def fourier(
 ) -> Excitation:
     """Return the series within limits whose record would tell the parameters best.
 
-    Random series of several bandwidths are scaled to the limits; gradient searches start from the
-    best of them, and go on from the best of what they find with more harmonics, if those help. The
-    same arguments give the same series.
+    Random series of several bandwidths are scaled to the limits; short gradient searches start from
+    the best of them, and ever longer ones, with more harmonics, from the best of what those find.
+    The same arguments give the same series.
 
     Parameters
     ----------
@@ -84,23 +101,19 @@ def fourier(
         )
     best_random = min(information.condition(_coarse(series)) for _, series in drawn)
 
-    def worth(series: Fourier) -> float:
-        return _judged(information, series)
-
-    say("a search from each of the best")
-    found = sorted((_searched(information, s) for _, s in drawn[:STARTS]), key=worth)
-    for harmonics in WIDER:
-        say(f"up to {harmonics / seconds:.3g} Hz")
-        found += [_searched(information, s.wider(harmonics)) for s in found[:BEST]]
-        found.sort(key=worth)
-    best = min([found[0], drawn[0][1]], key=worth)
+    found = [Found(value, series) for value, series in drawn[:STARTS]]
+    for stage in STAGES:
+        say(f"{len(found)} searches up to {stage.harmonics / seconds:.3g} Hz")
+        better = [_searched(information, start, stage) for start in found]
+        found = sorted(better, key=lambda one: one.value)[: stage.kept]
+    best = found[0].series
     samples = round(seconds * rate_hz)
     motion = best.motion(samples)
     return Excitation(
         np.arange(samples) / rate_hz,
         motion,
         information.effort(motion),
-        information.condition(_coarse(best)),
+        information.condition(best.motion(_FINE * best.harmonics)),
         limits,
         "fourier",
         {
@@ -154,19 +167,31 @@ def _held(information: Information, series: Fourier) -> Fourier | None:
     return None
 
 
-def _searched(information: Information, start: Fourier) -> Fourier:
-    """Return the series that a gradient search finds from a start, within all limits."""
+class Found(NamedTuple):
+    """A series within limits, and what it is worth."""
+
+    value: float
+    series: Fourier
+
+
+def _searched(information: Information, found: Found, stage: Stage) -> Found:
+    """Return the series that a gradient search finds from a start, or the start if none is better.
+
+    The search lets motion beyond its limits cost; what it finds is made to hold them all.
+    """
+    start = found.series.wider(stage.harmonics)
     series = Series(start.period, start.harmonics, _PER_WAVE * start.harmonics)
     n, size = start.coefficients.shape
-    unit = information.limits.upper - information.limits.lower
+    limits = information.limits
+    unit = limits.upper - limits.lower
     x = np.column_stack([start.coefficients, start.centre]) / unit[:, np.newaxis]
 
     def unpacked(x: Array) -> tuple[Array, Array]:
         parts = x.reshape(n, size + 1) * unit[:, np.newaxis]
         return parts[:, :size], parts[:, size]
 
-    for power in _POWERS if information.criterion == "condition" else _POWERS[:1]:
-        sharp = Information(information.loop, information.limits, information.criterion, power)
+    for power in stage.powers if information.criterion == "condition" else stage.powers[:1]:
+        sharp = Information(information.loop, limits, information.criterion, power)
 
         def cost(x: Array, sharp: Information = sharp) -> tuple[float, Array]:
             motion = series.motion(*unpacked(x))
@@ -178,9 +203,13 @@ def _searched(information: Information, start: Fourier) -> Fourier:
             by = np.column_stack([by, q.sum(axis=0)]) * unit[:, np.newaxis]
             return value + more, by.ravel()
 
-        x = minimize(cost, x.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": _STEPS}).x
-    found = Fourier(start.period, *unpacked(x)).within(information.limits, _FINE * start.harmonics)
-    return _held(information, found) or start
+        x = minimize(
+            cost, x.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": stage.steps}
+        ).x
+    samples = _FINE * start.harmonics
+    held = _held(information, Fourier(start.period, *unpacked(x)).within(limits, samples))
+    value = np.inf if held is None else _judged(information, held)
+    return found if held is None or value >= found.value else Found(value, held)
 
 
 def _beyond(motion: Motion, limits: Limits) -> tuple[float, Motion]:

@@ -14,7 +14,7 @@ from ivtools.linalg.long_run import (
     long_run_variance,
     score_covariance,
 )
-from ivtools.linalg.noise import NoiseModel
+from ivtools.linalg.noise import Method, NoiseModel
 from ivtools.linalg.solve import Weights, check_system, influence, weighted
 
 Array = NDArray[np.float64]
@@ -185,10 +185,13 @@ def prewhitened(
     starts = np.zeros(1, dtype=np.intp) if starts is None else starts
     whole = np.arange(len(resids))
     joints = np.zeros_like(whole) if stack is None else stack.joints
+    method: Method = "yule-walker" if stack is None else "burg"
     scores, reach = np.empty_like(rows), np.empty_like(rows)  # (N, p)
     for part in (whole[joints == j] for j in np.unique(joints)):
         own = starts[(starts >= part[0]) & (starts <= part[-1])] - part[0]
-        scores[part], reach[part] = _shocks(rows[part], resids[part], basis[part], own, spent)
+        scores[part], reach[part] = _shocks(
+            rows[part], resids[part], basis[part], own, spent, method
+        )
     sums = scores if stack is None else stack.summed(scores)
     bandwidth, effective = automatic_bandwidth(sums), effective_rows(reach)
     freedom = np.maximum(effective / kernel_share(bandwidth), 1.0)
@@ -196,10 +199,10 @@ def prewhitened(
 
 
 def _shocks(
-    rows: Array, resids: Array, basis: Array, starts: NDArray[np.intp], spent: int
+    rows: Array, resids: Array, basis: Array, starts: NDArray[np.intp], spent: int, method: Method
 ) -> tuple[Array, Array]:
     """Return the scores (N, p) of the shocks behind a residual (N,), and their weights."""
-    noise = NoiseModel.fit(resids, starts, basis=basis, max_order=ORDER)
+    noise = NoiseModel.fit(resids, starts, basis=basis, max_order=ORDER, method=method)
     shocks, reach = noise(resids), noise.reach(rows)  # (N,), (N, p)
     left = max(len(resids) - noise.order - spent, 1) / len(resids)  # of the shocks' freedom
     given_back = noise.sigma**2 / max(float(np.mean(shocks**2)), np.finfo(float).tiny) / left

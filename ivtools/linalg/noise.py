@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 
 from ivtools.errors import EstimationError
-from ivtools.linalg.autocovariance import autocovariance, taken
+from ivtools.linalg.autocovariance import autocovariance, burg, taken
 
 Array = NDArray[np.float64]
 Criterion = Literal["aic", "bic"]
+Method = Literal["yule-walker", "burg"]
 
 MAX_ORDER = 40
 ARMA_ORDERS = (1, 2, 3, 4)  # of both polynomials
@@ -71,6 +72,7 @@ class NoiseModel:
         max_order: int = MAX_ORDER,
         fitted: Array | None = None,
         basis: Array | None = None,
+        method: Method = "yule-walker",
     ) -> NoiseModel:
         """Fit to a residual (N,); the order by an information criterion.
 
@@ -92,6 +94,8 @@ class NoiseModel:
         basis : (N, k) ndarray, optional
             The same as rows of an orthonormal basis of the columns, where these rows are some of
             all that were fitted.
+        method : {"yule-walker", "burg"}
+            Of the autoregressive model; Burg's for a spectrum of steep slopes in short segments.
 
         References
         ----------
@@ -107,7 +111,7 @@ class NoiseModel:
         if kind == "arma":
             return _fit_arma(e, starts, penalty)
         top = max(1, min(max_order, len(e) // 10))
-        acov = autocovariance(e, top, starts)
+        acov = burg(e, top, starts) if method == "burg" else autocovariance(e, top, starts)
         model = cls._of_best_order(acov, starts, len(e), penalty)
         if fitted is not None:
             basis = np.linalg.qr(fitted)[0]
