@@ -78,8 +78,9 @@ def sniff(path: Path) -> Layout:
     told = SEP_LINE.fullmatch(lines[0][1].strip(" ")) if lines else None
     lines = lines[1:] if told else lines
     comment = next((line.strip()[0] for _, line in _comments(text)), None)
+    more = f" in its first {LARGEST >> 20} MB" if _size(path) > LARGEST else ""
     if not lines:
-        raise DataError("the file has no content; log or copy it again")
+        raise DataError(f"the file has no content{more}; log or copy it again")
     lines, skipped = _without_preamble(lines)
     (start, header), data = lines[0], lines[1:]
     separator = told[1] if told else _separator(header)
@@ -91,7 +92,7 @@ def sniff(path: Path) -> Layout:
     if skipped:
         notes.append(f"{skipped} lines above the header were skipped")
     if not data:
-        raise DataError("the file has a header and no rows; log or copy it again")
+        raise DataError(f"the file has a header and no rows{more}; log or copy it again")
     rows = [_fields(line, separator) for _, line in data[:LOOK_AT]]
     if len(rows) > 1 and _is_unit_row(rows[0]) and not _is_unit_row(rows[1]):
         notes.append("the second row holds the units")
@@ -135,7 +136,7 @@ def _sample(path: Path) -> tuple[str, str]:
     with open_text(path) as file:
         content = file.read(SAMPLE)
         whole = len(content) < SAMPLE
-        while not whole and content.count(b"\n") < LOOK_AT and len(content) < LARGEST:
+        while not whole and _rows(content) < LOOK_AT and len(content) < LARGEST:
             more = file.read(len(content))
             content, whole = content + more, len(more) < len(content)
     encoding = next((name for bom, name in BOMS.items() if content.startswith(bom)), "utf-8")
@@ -151,6 +152,11 @@ def _sample(path: Path) -> tuple[str, str]:
     if NOT_TEXT.search(text):
         raise DataError("this is not a text file, whatever its name says; export it as csv")
     return text, encoding
+
+
+def _rows(content: bytes) -> int:
+    """Return how many lines there are that are no comment."""
+    return content.count(b"\n") - content.count(b"\n#") - content.count(b"\n%")
 
 
 def _numbered(text: str) -> Iterator[tuple[int, str]]:

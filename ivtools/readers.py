@@ -289,11 +289,41 @@ def _read_parquet(
             f.name for f in schema if f.name in wanted or any(test(f.type) for test in numeric)
         ]
         limits.check_size(file.metadata.num_rows * len(names))
+        nested = [f for f in schema if f.name in names and types.is_nested(f.type)]
+        if nested:
+            raise RecordError(f"{shown(nested[0].name)} holds lists or tables; give numbers")
+        told = (types.is_string, types.is_large_string, types.is_binary, types.is_large_binary)
+        texts = [f.name for f in schema if f.name in names and any(t(f.type) for t in told)]
+    # a text that is repeated lies once in the file, and once in a dictionary in memory
+    with pq.ParquetFile(path, pre_buffer=False, read_dictionary=texts) as file:
+        _check_texts(file, texts)
         batches = file.iter_batches(max(_PIECE // max(len(names), 1), 100), columns=names)
-        frames = (batch.to_pandas(ignore_metadata=True)[names] for batch in batches)
+        frames = (_plain(batch.to_pandas(ignore_metadata=True)[names]) for batch in batches)
         table = _joined(frames, names, layout)
     arrow.default_memory_pool().release_unused()  # which else keeps as much as the file takes
     return table, ()
+
+
+def _check_texts(file: Any, names: list[str]) -> None:
+    """Refuse columns of text whose cells are far longer than numbers or times are."""
+    about = file.metadata
+    for group in range(about.num_row_groups):
+        for i in range(about.num_columns):
+            column = about.row_group(group).column(i)
+            most = _PER_NUMBER * column.num_values + limits.LONGEST * _PER_NUMBER
+            if column.path_in_schema in names and column.total_uncompressed_size > most:
+                name = shown(column.path_in_schema)
+                raise DataError(f"{name} holds long texts, not numbers; clean the file")
+
+
+def _plain(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a table whose texts are texts again, each there once."""
+    for name in frame.columns:
+        if frame[name].dtype == "category":
+            if any(len(str(text)) > limits.LONGEST for text in frame[name].cat.categories):
+                raise DataError(f"{shown(name)} holds long texts, not numbers; clean the file")
+            frame[name] = frame[name].astype(object)
+    return frame
 
 
 def _read_mat(

@@ -106,6 +106,8 @@ class Record:
 
     def __post_init__(self) -> None:
         t = _frozen_array("t", self.t)
+        if not t.shape[1]:
+            raise RecordError(f"t is empty, {t.shape}; give the time of each sample")
         _set(self, "t", t[:, 0])
         if t.shape[1] != 1:
             raise ShapeError(f"t has {t.shape[1]} columns; give one time axis for all joints")
@@ -115,7 +117,8 @@ class Record:
             if getattr(self, signal) is not None:
                 _set(self, signal, _frozen_array(signal, getattr(self, signal)))
         _set(self, "breaks", tuple(int(row) for row in self.breaks))
-        further = {str(k): _frozen_array(k, v)[:, 0] for k, v in self.extra.items()}
+        columns = {str(k): _frozen_array(k, v) for k, v in self.extra.items()}
+        further = {k: a[:, 0] for k, a in columns.items() if a.shape[1]}
         _set(self, "extra", further)
         if self.theta_true is not None:
             _set(self, "theta_true", {k: float(v) for k, v in self.theta_true.items()})

@@ -5,6 +5,7 @@ import re
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 
 import numpy as np
@@ -17,8 +18,9 @@ from starlette.testclient import TestClient
 import ivtools as iv
 from ivtools.app import charts
 from ivtools.app.script import script
-from ivtools.app.server import Server
+from ivtools.app.server import Server, sweep
 from ivtools.cli import run
+from ivtools.files import LOCK, claimed
 from ivtools.plots.chart import Chart, Panel, Series
 from ivtools.report import Page
 
@@ -264,6 +266,22 @@ def test_the_script_names_files_as_text():
     made = script(name, holdout='b".csv', methods=["didim"], tolerance=1.0)
     compile(made, "script", "exec")
     assert repr(name) in made and "iv.DIDIM()" in made and "tolerance=1.0" in made
+
+
+def test_what_a_killed_server_left_goes_and_what_a_live_one_has_stays(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for name in ("killed", "live", "other"):
+        (tmp_path / f"ivtools-app-{name}" / "session").mkdir(parents=True)
+    (tmp_path / "ivtools-app-killed" / LOCK).write_text("process 1")
+    with claimed(tmp_path / "ivtools-app-live"):
+        sweep()
+        assert sorted(f.name[12:] for f in tmp_path.iterdir()) == ["live", "other"]
+
+
+def test_a_log_that_is_not_there_is_told_before_there_is_a_window(capsys):
+    assert run(["app", "--no-window", "nowhere.csv"]) == 2
+    assert run(["app", "--no-window", "twin", "--axis", "nowhere.toml"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 2
 
 
 def test_without_the_extra_the_command_says_what_to_install(monkeypatch, capsys):

@@ -203,6 +203,43 @@ def test_faults_of_the_file(tmp_path, name, content, error, message):
     assert "\n" not in str(caught.value)
 
 
+TEXTS = {
+    "one long text, over and over": ["y" * 1_000_000] * 300,
+    "long texts that pack well": [f"{k}" + "x" * 100_000 for k in range(300)],
+    "lists": [[1.0, 2.0]] * 300,
+    "tables": [{"a": 1.0}] * 300,
+}
+
+
+@pytest.mark.parametrize("cells", TEXTS.values(), ids=TEXTS)
+def test_a_small_parquet_file_does_not_unpack_to_much_text(tmp_path, cells):
+    arrow, pq = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
+    content = {"t": T[:300], "q": np.sin(T[:300]), "nu": arrow.array(cells)}
+    pq.write_table(arrow.table(content), tmp_path / "run.parquet")
+    with pytest.raises((DataError, RecordError), match="nu holds (long texts|lists or tables)"):
+        Record.read(tmp_path / "run.parquet")
+
+
+def test_a_parquet_file_of_texts_that_are_numbers_is_read(tmp_path):
+    arrow, pq = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
+    texts = [repr(float(x)) for x in np.cos(T)]
+    pq.write_table(arrow.table({"t": T, "q": np.sin(T), "nu": texts}), tmp_path / "run.parquet")
+    assert np.array_equal(Record.read(tmp_path / "run.parquet").nu[:, 0], np.cos(T))
+
+
+def test_comments_longer_than_what_is_looked_at_are_skipped(tmp_path):
+    (tmp_path / "run.csv").write_bytes(
+        b"# " + b"x" * 98 + (b"\n# " + b"y" * 97) * 4000 + b"\n" + SOUND
+    )
+    assert Record.read(tmp_path / "run.csv").n_samples == len(T)
+
+
+def test_empty_variables_of_a_mat_file_are_refused(tmp_path):
+    savemat(tmp_path / "run.mat", {name: np.zeros((0, 0)) for name in ("t", "q", "nu")})
+    with pytest.raises(RecordError, match=r"t is empty, \(0, 0\)"):
+        Record.read(tmp_path / "run.mat")
+
+
 def test_a_file_that_is_none(tmp_path):
     with pytest.raises(DataError, match="there is no such file"):
         Record.read(tmp_path / "run.csv")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import secrets
+import shutil
 import socket
 import tempfile
 from collections.abc import Callable
@@ -26,6 +28,7 @@ from starlette.routing import Mount, Route
 
 from ..errors import DataError, IVToolsError
 from ..estimators.base import METHODS
+from ..files import LOCK, claimed
 from ..report import TEMPLATES, chart_script, style
 from . import charts
 from .guard import HOSTS, Guard
@@ -35,6 +38,7 @@ from .session import Session, Sessions
 from .view import View
 
 LARGEST = 1000  # MB of an upload
+_PREFIX = "ivtools-app-"  # of folders in the system's for temporary files
 _FILES = {
     "axis.toml": ("look", "axis.toml", "text/plain"),
     "log.html": ("look", "page.html", "text/html"),
@@ -232,7 +236,12 @@ def serve(
     """
     import uvicorn
 
-    with tempfile.TemporaryDirectory(prefix="ivtools-app-") as folder, socket.socket() as place:
+    sweep()
+    with (
+        tempfile.TemporaryDirectory(prefix=_PREFIX) as folder,
+        claimed(Path(folder)),
+        socket.socket() as place,
+    ):
         place.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             place.bind((HOSTS[0], port))
@@ -255,6 +264,17 @@ def serve(
                 uvicorn.Server(config).run(sockets=[place])
         finally:
             server.close()
+
+
+def sweep() -> None:
+    """Remove the folders of servers that were killed; those of others and of live ones stay."""
+    us = getattr(os, "getuid", lambda: 0)()
+    for left in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
+        with suppress(DataError, OSError):
+            own = left.lstat().st_uid == us and not left.is_symlink()
+            if own and (left / LOCK).is_file():
+                with claimed(left):
+                    shutil.rmtree(left, ignore_errors=True)
 
 
 def _path(request: Request, name: str) -> str:

@@ -33,6 +33,10 @@ def web(
     except ImportError as error:
         raise MissingExtraError(str(error.name).split(".")[0], "app") from error
     from ivtools import axes
+    from ivtools.cli.case import exists
+
+    if log is not None:
+        exists(log, axis or "emps")  # the app guesses, where no axis is given
 
     def began(address: str) -> None:
         typer.echo(f"ivtools app: {address} (Ctrl-C ends it)")

@@ -14,6 +14,7 @@ import resource
 import selectors
 import subprocess
 import sys
+import tempfile
 import time
 from functools import cache
 from pathlib import Path
@@ -29,6 +30,7 @@ class Bound:
     def __init__(self, longest: float = LONGEST_S, memory: int = LARGEST):
         self.longest, self.memory = longest, memory
         self.process: subprocess.Popen[str] | None = None
+        self.folder = tempfile.TemporaryDirectory(prefix="ivtools-fuzz-")
         self.most_cpu = self.most_seconds = 0.0
 
     def run(self, arguments: list[str]) -> dict[str, Any]:
@@ -53,8 +55,9 @@ class Bound:
 
     def _start(self) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, __file__, str(self.memory)],
+            [sys.executable, str(Path(__file__).resolve()), str(self.memory)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+            cwd=self.folder.name,  # where MuJoCo leaves its log
         )  # fmt: skip
         if self._answer(START_S) is None:
             raise RuntimeError("the process of the commands does not start")

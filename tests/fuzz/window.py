@@ -36,7 +36,7 @@ def _opened() -> tuple[Any, Any]:
 
     from ivtools.app.server import Server
 
-    server = Server(Path(tempfile.mkdtemp(prefix="ivtools-fuzz-")), largest=20.0)
+    server = Server(Path(tempfile.mkdtemp(dir=".")), largest=20.0)
     server.hands = server.sessions._hands = _AtOnce()  # type: ignore[assignment]
     headers = {"X-Ivtools": "1"}
     client = TestClient(server.app, base_url="http://127.0.0.1", headers=headers)
