@@ -48,7 +48,8 @@ dist: $(VENV)/.installed-dev
 	$(RUN) build --outdir dist .
 	$(RUN) twine check --strict dist/*
 	sha256sum dist/*
-	@! grep -q 'ivtools\.example' pyproject.toml || echo "the address in pyproject.toml is a placeholder"
+	@! grep -q '^address = ""' pyproject.toml || \
+	  echo "no address of a repository in pyproject.toml: the README on an index is without links"
 
 clean:
 	rm -rf $(VENV) build dist site *.egg-info ivtools-demo ivtools-reproduce ivtools-report

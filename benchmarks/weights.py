@@ -19,9 +19,11 @@ IMPORTS = {
     "matplotlib": "matplotlib.pyplot",
     "pymoo": "pymoo.core.algorithm",
     "scipy": "scipy.signal",
+    "starlette": "starlette.applications",
     "statsmodels": "statsmodels.api",
 }
 REPEATS = 3
+EXTRAS = ("parquet", "methods", "mujoco", "distributed", "app")
 ABOUT = (
     "Processor time of the import, other work beside it: read it as an order. No longer in the "
     "core: pyarrow (extra `parquet`), and pooch with requests and all that it needs."
@@ -85,6 +87,13 @@ def rows(names: list[str], others: set[str]) -> list[str]:
     return out
 
 
+def whole(extra: str, names: list[str], core: set[str]) -> str:
+    """Return the row of an extra: what it adds to the core, and its imports together."""
+    more = closure(set(names)) - closure(core)
+    imports = ", ".join(IMPORTS.get(name, name) for name in names)
+    return f"| `{extra}` | +{sum(map(megabytes, more)):.0f} | {import_ms(imports):.0f} |"
+
+
 def main() -> None:
     """Measure and write the table."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -98,15 +107,20 @@ def main() -> None:
     )
     lines = ["# What the libraries cost", "", __doc__.split("\n")[0], "", ABOUT, ""]
     total = sum(megabytes(name) for name in closure(set(core)))
+    extras = {e: split(project["optional-dependencies"][e]) for e in EXTRAS}
     lines += [
+        "| | MB, with all that it needs | import, ms |",
+        "|---|---|---|",
+        f"| core | {total:.0f} | {import_ms('ivtools'):.0f} (`import ivtools`) |",
+        *(whole(extra, names, set(core)) for extra, names in extras.items()),
+        "",
         f"Core, {total:.0f} MB in all (Python {sys.version.split()[0]}, {sys.platform}):",
         "",
         head,
         "|---|---|---|---|",
     ]
     lines += rows(core, set())
-    for extra in ("parquet", "methods", "mujoco", "distributed", "app"):
-        names = split(project["optional-dependencies"][extra])
+    for extra, names in extras.items():
         lines += ["", f"Extra `{extra}`:", "", head, "|---|---|---|---|", *rows(names, set(core))]
     out = ROOT / "benchmarks" / "results" / "weights.md"
     out.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -14,7 +14,7 @@ from ivtools.pages import add_simulation, force_chart
 from ivtools.plots.chart import inner_limits
 from ivtools.problem import Problem
 from ivtools.report import Card, Page, Picture
-from ivtools.tables import Text, table
+from ivtools.tables import Text, rounded, table
 
 if TYPE_CHECKING:
     from ivtools.results import FitResults
@@ -72,7 +72,7 @@ class Demo:
         header = ["parameter", "unit", "true", *(fit.method for fit in self.best)]
         rows = [
             [name, self.problem.units[name], f"{true[name]:g}"]
-            + [f"{fit.params[name]:.4g} ({fit.std_errors[name]:.2g})" for fit in self.best]
+            + [_with_error(fit, name) for fit in self.best]
             for name in self.problem.names
         ]
         notes = ["standard errors (HAC) in parentheses"]
@@ -154,11 +154,24 @@ def page(result: Demo) -> Page:
         "the diagnosis what is wrong with it; it screens every effect that it knows, and names one "
         "only if it replicates on parts of the record that it was not fitted to.",
         tables=[diagnosis.summary()],
-        figures=[Picture("diagnosis", diagnosis.plot(), "The diagnosis at a glance.")],
+        figures=[Picture("diagnosis", diagnosis.plot(), _CAPTION)],
     )
     add_simulation(out, result.best[-1])
     out.add("All methods", tables=[result.comparison.summary()])
     return out
+
+
+_CAPTION = (
+    "The diagnosis at a glance: the force error before and after (faint: the stretches that the "
+    "effects were fitted to), what each effect closes, the forces around the worst second, and "
+    "how far the gap closes."
+)
+
+
+def _with_error(fit: FitResults, name: str) -> str:
+    """Return an estimate with its standard error, to the digits of that."""
+    value, error = rounded(float(fit.params[name]), float(fit.std_errors[name]), digits=2)
+    return f"{value} ({error})"
 
 
 def card(result: Demo) -> Card:

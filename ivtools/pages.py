@@ -10,9 +10,12 @@ import numpy as np
 
 from ivtools import plots
 from ivtools.comparison import Comparison
+from ivtools.comparison_table import model_of
 from ivtools.loop.simulation import LOST
 from ivtools.plots.chart import Chart
+from ivtools.plots.parameters import shown_name
 from ivtools.plots.style import readable
+from ivtools.recommendation import listed
 from ivtools.report import Card, Page, Picture
 from ivtools.tables import Text, table
 
@@ -26,6 +29,8 @@ if TYPE_CHECKING:
 
 ILL_CONDITIONED = 200.0
 CLOSE = 5.0  # % of the force; friction that is not in the model leaves more
+_FEW = 10  # parameters that a card names one by one
+_NEXT = ("ivtools diagnose names what this model lacks, if anything.",)
 FORCE_CAPTION = "Force measured and reconstructed; below, their difference."
 
 
@@ -38,7 +43,8 @@ def fit_page(fit: FitResults, gain: DriveGain | None = None) -> Page:
         f"Parameters of {problem.loop.name} identified from {problem.record!r}.",
         fit_card(fit),
     )
-    out.add("Estimates", tables=[fit.summary()], figures=[force_chart(fit)])
+    out.add("Estimates", *map(_sentence, problem.record.notes),
+            tables=[fit.summary()], figures=_forces(fit))  # fmt: skip
     if gain is not None:
         caption = "The drive gain, with its 95 % interval."
         picture = Picture("drive-gain", plots.drive_gain(gain), caption)
@@ -49,20 +55,50 @@ def fit_page(fit: FitResults, gain: DriveGain | None = None) -> Page:
 
 def fit_card(fit: FitResults) -> Card:
     """Return one result in plain words: values with units, and whether to trust them."""
-    sizes = ", ".join(f"{name} {_value(fit, name)}" for name in fit.names)
-    problem = fit.problem
-    unit = "N" if problem is None or problem.loop.joint == "prismatic" else "N m"
-    rms = float(np.sqrt(np.mean(np.square(fit.resids))))
-    left = f"{rms:.3g} {unit} rms, " if fit.signal == "force" else ""
-    facts = (
-        ("Parameters", sizes),
-        (f"Left of the {fit.signal}", f"{left}{fit.relative_error:.3g} %"),
-    )
+    facts = (*_sizes(fit), *_left(fit))
     doubts = tuple(_doubts(fit))
     if not fit.converged:
         return Card("Not converged: these are no estimates yet.", facts, doubts, "bad")
     verdict = "Identified, with reservations." if doubts else "Identified."
-    return Card(verdict, facts, doubts, "doubt" if doubts else "good")
+    return Card(verdict, facts, doubts or _NEXT, "doubt" if doubts else "good")
+
+
+def _left(fit: FitResults) -> Iterator[tuple[str, str]]:
+    """Yield what is left of the signal, of each joint if there are several."""
+    problem, label = fit.problem, f"Left of the {fit.signal}"
+    for j, name in enumerate(problem.loop.joints if problem is not None else ("",)):
+        kind = problem.loop.kind_of(j) if problem is not None else "prismatic"
+        mine = slice(None) if problem is None else problem.row_joints == j
+        rms = float(np.sqrt(np.mean(np.square(fit.resids[mine]))))
+        unit = "N" if kind == "prismatic" else "N m"
+        if problem is not None and len(problem.loop.joints) > 1:
+            of = float(np.sqrt(np.mean(np.square(fit.y[mine])))) or np.nan
+            yield label, f"{name}: {rms:.3g} {unit} rms, {100.0 * rms / of:.3g} %"
+        else:
+            size = f"{rms:.3g} {unit} rms, " if fit.signal == "force" else ""
+            yield label, f"{size}{fit.relative_error:.3g} %"
+
+
+def _forces(fit: FitResults, name: str = "force", more: str = "", **options: Any) -> list[Chart]:
+    """Return the force chart of a result, one of each joint of a robot."""
+    caption = f"{more}{FORCE_CAPTION}"
+    assert fit.problem is not None  # every estimator keeps its problem
+    names = fit.problem.loop.joints
+    if len(names) == 1:
+        return [force_chart(fit, name, caption, **options)]
+    return [
+        plots.force_chart(fit, options.get("problem"), name=f"{name}-{j + 1}", joint=j,
+                          title=joint, caption=f"{joint}. {caption}")
+        for j, joint in enumerate(names)
+    ]  # fmt: skip
+
+
+def _sizes(fit: FitResults) -> tuple[tuple[str, str], ...]:
+    """Return the parameters of a result, each with unit and 95 % interval."""
+    label = "Parameters, ± 95 %"
+    if len(fit.names) > _FEW:
+        return (("Parameters", f"{len(fit.names)}, see the table"),)
+    return tuple((label, f"{shown_name(name)} {_value(fit, name)}") for name in fit.names)
 
 
 def _value(fit: FitResults, name: str) -> str:
@@ -82,7 +118,7 @@ def _doubts(fit: FitResults) -> Iterator[str]:
         yield "Start nearer (axis file, [model.start]), or take DIDIM or IDIM-IV instead."
     if fit.converged and (weak := fit.weak()):
         yield (
-            f"{', '.join(weak)}: may be more than 20 % off by what the record says; leave it out "
+            f"{listed(weak)}: may be more than 20 % off by what the record says; leave it out "
             "of the model, or move the axis in a way that shows it."
         )
     if fit.condition_number > ILL_CONDITIONED:
@@ -99,18 +135,16 @@ def _add_residual(out: Page, fit: FitResults) -> None:
     ]
     others = [[t.name, t.reason] for t in tests if t.statistic is None]
     header = ["test", "holds if p is not small", "statistic", "p value"]
-    picture = Picture(
-        "residual",
-        plots.whiteness(fit),
-        "What is left: its autocorrelation, with the band that white noise keeps in, and spectrum.",
+    caption = (
+        "What is left: its autocorrelation, with the band that white noise keeps in, and spectrum."
     )
+    one = fit.problem is None or len(fit.problem.loop.joints) == 1  # a series in time
+    pictures = [Picture("residual", plots.whiteness(fit), caption)] if one else []
     folded = [("Tests that do not apply", table("", [], ["test", "why"], others, left=2))]
-    notes = fit.problem.record.notes if fit.problem is not None else ()
     out.add(
         "The residual, and tests",
-        *notes,
         tables=[table("Tests", [], header, rows, left=2)],
-        figures=[picture],
+        figures=pictures,
         folded=folded if others else (),
     )
 
@@ -138,10 +172,11 @@ def comparison_card(comparison: Comparison) -> Card:
     if chosen is None or best is None:
         why = () if chosen is None else (("Why", chosen.reason),)
         return Card("None of these results can be recommended.", why, (), "bad")
-    sizes = ", ".join(f"{name} {_value(best, name)}" for name in best.names)
     doubts = tuple(_doubts(best))
-    facts = (("Parameters", sizes), ("Why", chosen.reason))
-    return Card(f"Take {chosen.label}.", facts, doubts, "doubt" if doubts else "good")
+    facts = (*_sizes(best), ("Why", f"{chosen.reason}."))
+    model = f", {model_of(best)}" if len(_by_model(comparison.results)) > 1 else ""
+    verdict = f"Take {best.method.upper()}{model}."
+    return Card(verdict, facts, doubts or _NEXT, "doubt" if doubts else "good")
 
 
 def _add_functions(out: Page, functions: TransferTable) -> None:
@@ -166,19 +201,20 @@ def _add_estimates(
         Picture(
             f"parameters-{k}",
             plots.parameters(fits, truth=first.record.theta_true),
-            "Estimates with 95 % intervals.",
+            f"Estimates with 95 % intervals, {model_of(fits[0])}.",
         )
         for k, fits in enumerate(_by_model(comparison.results), 1)
+        if len(fits[0].names) <= _FEW
     ]
     estimates = replace(comparison, functions=None)
     out.add("Comparison", tables=[estimates.summary()], figures=pictures)
     best = comparison.best or comparison.results[0]
-    forces = [force_chart(best)]
+    forces = _forces(best)
     if holdout is not None:
         assert best.problem is not None
         other = replace(best.problem, record=holdout)
-        forces.append(force_chart(best, "cross-test", f"Hold-out. {FORCE_CAPTION}", problem=other))
-    out.add("Force", str(comparison.recommendation), figures=forces)
+        forces += _forces(best, "cross-test", "Hold-out. ", problem=other)
+    out.add("Force", f"Of {best.method.upper()}, {model_of(best)}.", figures=forces)
     add_simulation(out, best)
 
 
@@ -195,21 +231,34 @@ def add_simulation(out: Page, fit: FitResults) -> None:
     problem = fit.problem
     assert problem is not None  # every estimator keeps its problem
     simulated = problem.simulate(fit.params.to_numpy())
-    caption = "Simulated and measured signals, and the error of the force."
-    chart = plots.simulation_chart(simulated, problem.record, problem.pipeline, caption=caption)
     out.add(
         "The closed loop simulated",
         f"Driven by the record's reference alone, with the parameters of {fit.method.upper()}.",
-        figures=[chart],
+        figures=_simulated(simulated, problem.record, problem.pipeline),
     )
+
+
+def _simulated(simulated: Simulation, record: Record, pipeline: Any = None) -> list[Chart]:
+    """Return the chart of a simulation, one of each joint of a robot."""
+    caption = "Simulated and measured signals, and the error of the force."
+    names = simulated.loop.joints
+    if len(names) == 1:
+        return [plots.simulation_chart(simulated, record, pipeline, caption=caption)]
+    charts = [
+        plots.simulation_chart(
+            simulated.joint(j, record), record.joint(j), caption=f"{name}. {caption}"
+        )
+        for j, name in enumerate(names)
+    ]
+    return [replace(chart, name=f"simulation-{j}") for j, chart in enumerate(charts, 1)]
 
 
 def force_chart(
     fit: FitResults, name: str = "force", caption: str = FORCE_CAPTION, **options: Any
 ) -> Chart:
     """Return the force chart of a result; its picture is titled by method, model and error."""
-    models = {"viscous_pos": ", asymmetric friction", "viscous": ", symmetric friction"}
-    model = next((text for key, text in models.items() if key in fit.names), "")
+    known = {"viscous_pos", "viscous"} & {*fit.names}
+    model = f", {model_of(fit)}" if known else ""
     title = f"{fit.method.upper()}{model}: {fit.relative_error:.2f} %"
     if options.get("problem") is None:
         options["title"], caption = title, f"{title}. {caption}"
@@ -220,9 +269,7 @@ def simulation_page(record: Record, simulation: Simulation, table: Text) -> Page
     """Return the page of one simulation."""
     lead = f"{simulation.loop.name} simulated in closed loop on the reference of {record!r}."
     out = Page(f"{record.name}: simulation", lead, simulation_card(record, simulation))
-    caption = "Simulated and measured signals, and the error of the force."
-    chart = plots.simulation_chart(simulation, record, caption=caption)
-    out.add("Relative errors", tables=[table], figures=[chart])
+    out.add("Relative errors", tables=[table], figures=_simulated(simulation, record))
     return out
 
 
@@ -230,7 +277,7 @@ def simulation_card(record: Record, simulation: Simulation) -> Card:
     """Return how far a simulation is off, in a sentence."""
     errors = simulation.relative_error(record)
     told = {name: f"{error:.2g} %" for name, error in errors.items() if np.isfinite(error)}
-    facts = tuple((f"Off by, {name}", share) for name, share in told.items())
+    facts = tuple((f"Error of the {name}", share) for name, share in told.items())
     if not errors["position"] <= LOST:
         advice = ("Check the parameters, the gains and the units.",)
         return Card("The simulated axis does not follow.", facts, advice, "bad")
@@ -239,3 +286,7 @@ def simulation_card(record: Record, simulation: Simulation) -> Card:
     if close:
         return Card(verdict, facts)
     return Card(verdict, facts, ("ivtools diagnose names what the simulation lacks.",), "doubt")
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."

@@ -123,8 +123,20 @@ def _doubts(fit: FitResults, rejected: Mapping[tuple[str, ...], float]) -> tuple
     if strength.applies and "not weak" not in strength.reason:
         doubts.append("its instruments are weak")
     if vague := fit.not_identifiable():
-        doubts.append(f"{', '.join(vague)} known to 10 % at best")
+        doubts.append(f"{listed(vague)} known to 10 % at best")
     return tuple(doubts)
+
+
+def listed(names: Sequence[str], most: int = 6) -> str:
+    """Write names, of many the first and how many more.
+
+    Examples
+    --------
+    >>> listed(["a", "b"]), listed("abcdefgh", 3)
+    ('a, b', 'a, b, c and 5 more')
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def _reason(

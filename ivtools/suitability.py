@@ -68,7 +68,7 @@ class Suitability:
         """Return the figure of the record."""
         from .plots.record import record
 
-        return record(self.record)
+        return record(self.record, kind=self.loop.joint)
 
 
 def suitability(record: Record, loop: ClosedLoop) -> Suitability:

@@ -89,6 +89,12 @@ def table(
     return Text(text, _html(title, head, cells, notes, left))
 
 
+class Labelled(str):
+    """A line of labelled values, which HTML shows one below the other."""
+
+    pairs: tuple[tuple[str, str], ...]
+
+
 def two_columns(pairs: Sequence[tuple[str, str]]) -> list[str]:
     """Write labelled values in two columns of 38 characters.
 
@@ -99,7 +105,10 @@ def two_columns(pairs: Sequence[tuple[str, str]]) -> list[str]:
     """
     cells = [f"{label}:{value:>{37 - len(label)}}" for label, value in pairs]
     cells += [""] * (len(cells) % 2)
-    return [f"{a}    {b}".rstrip() for a, b in zip(cells[::2], cells[1::2], strict=True)]
+    lines = [Labelled(f"{a}    {b}".rstrip()) for a, b in zip(cells[::2], cells[1::2], strict=True)]
+    for k, line in enumerate(lines):
+        line.pairs = tuple(pairs[2 * k : 2 * k + 2])
+    return list(lines)
 
 
 def rounded(value: float, std: float, digits: int = 4) -> tuple[str, str]:
@@ -174,13 +183,26 @@ def _html(
         ]
         return f"<tr>{''.join(aligned)}</tr>"
 
-    lines = f"<pre>{escape(chr(10).join(head))}</pre>" if head else ""
+    lines = _head(head)
     body = "".join(row(content, "td") for content in cells[1:])
     below = "".join(f"<p>{escape(note)}</p>" for note in notes)
     return (
         f'<div class="ivtools"><strong>{escape(title)}</strong>{lines}'
         f"<table><thead>{row(cells[0], 'th')}</thead><tbody>{body}</tbody></table>{below}</div>"
     )
+
+
+def _head(lines: Sequence[str]) -> str:
+    """Write the lines above a table as HTML; labelled values fit a narrow screen."""
+    if not lines or not all(isinstance(line, Labelled) for line in lines):
+        return f"<pre>{escape(chr(10).join(lines))}</pre>" if lines else ""
+    pairs = [pair for line in lines if isinstance(line, Labelled) for pair in line.pairs]
+    rows = (
+        f'<tr><td style="text-align:left">{escape(a)}</td>'
+        f'<td style="text-align:left">{escape(b)}</td></tr>'
+        for a, b in pairs
+    )
+    return f'<table class="pairs"><tbody>{"".join(rows)}</tbody></table>'
 
 
 def csv(frame: pd.DataFrame) -> str:

@@ -3,12 +3,15 @@
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from browser import axe, complaints, driver, faults, requests, sized
+from robots import plan, reference, two_axes, two_joints
 
 import ivtools as iv
 from ivtools.cli import run
 from ivtools.pages import comparison_page, fit_page
+from ivtools.study import Trapezoids
 
 By = pytest.importorskip("selenium.webdriver.common.by", reason="needs selenium").By
 LARGEST = 1_500_000  # bytes of the page of a diagnosis of 25 s
@@ -41,13 +44,37 @@ def pages(tmp_path_factory, twin) -> dict[str, Path]:
     (logs / "broken.csv").write_text("t,q\n1,2\n")
     fleet = ["diagnose", str(logs), "--axis", "emps", "--out", str(folder / "fleet")]
     assert run([*fleet, "--jobs", "1"]) == 1
+    theta = {"inertia": 90.0, "viscous": 210.0, "coulomb": 20.0, "offset": 0.0}
+    simulator = loop.simulate(twin, theta)
+    theirs = twin.to_frame()[["t", "q_ref"]].assign(q=simulator.q, nu=simulator.nu)
+    theirs.to_csv(folder / "simulator.csv", index=False)
+    mine = iv.Record.read(folder / "simulator.csv")
+    iv.diagnose(twin, loop, simulated=mine).to_html(folder / "simulated.html")
+    robot_pages(folder)
+    names = ("one_case", "another")
+    cases = [iv.Case(name, loop, theta, Trapezoids(3.0), force_noise=2.0) for name in names]
+    study = iv.Study(cases, [iv.IDIMLS(), iv.IDIMIV()], seeds=3)
+    study.run()
+    study.score().to_html(folder / "study.html")
     found = {
         str(file.relative_to(folder)): file
         for file in sorted(folder.rglob("*.html"))
         if file.name != "1.html"
     }
-    assert len(found) == 8
+    assert len(found) == 12
     return found
+
+
+def robot_pages(folder: Path) -> None:
+    """A robot of two joints, identified, simulated and diagnosed."""
+    loop = iv.RobotLoop(two_joints(), two_axes())
+    t, q_ref = reference(8.0, n=2, seed=1)
+    noise = 2e-5 * np.random.default_rng(1).standard_normal(q_ref.shape)
+    true = loop.with_effect("elbow", "stribeck", force=0.15, speed=0.1, exponent=2.0)
+    simulated = true.simulate(plan(t, q_ref), initial="rest", position_noise=noise)
+    record = iv.Record(t, q=simulated.q, q_ref=q_ref, nu=simulated.nu, name="robot")
+    fit_page(iv.IDIMLS().fit(iv.Problem(record, loop))).write(folder / "robot identified.html")
+    iv.diagnose_robot(record, loop).to_html(folder / "robot diagnosed.html")
 
 
 def test_pages_ask_for_nothing_and_complain_of_nothing(chrome, pages):

@@ -1,6 +1,7 @@
 """What is published: one version, one address, the same dependencies, a wheel that works."""
 
 import ast
+import importlib.util
 import re
 import subprocess
 import sys
@@ -8,6 +9,7 @@ import tomllib
 import venv
 import zipfile
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -31,15 +33,37 @@ def test_there_is_one_version(file, line):
     assert re.search(rf"^\s*{re.escape(line)}", read(file), flags=re.M), f"{file} has no {line}"
 
 
+def addresses() -> ModuleType:
+    """Return what fills in links and addresses when a wheel is built."""
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def test_there_is_one_address():
-    source = PROJECT["project"]["urls"]["Source"]
-    hook = PROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]
-    written = [
-        *PROJECT["project"]["urls"].values(),
-        *(s["replacement"] for s in hook["substitutions"]),
-    ]
-    assert all(source in text for text in written)
-    assert f"homepage: {source}" in read("recipe/recipe.yaml")
+    address = PROJECT["tool"]["hatch"]["metadata"]["hooks"]["custom"]["address"]
+    assert not address or re.fullmatch(r"https://[\w.-]+\.\w+/\S+[^/]", address)
+    for file, key in (("CITATION.cff", "repository-code"), ("recipe/recipe.yaml", "homepage")):
+        found = re.findall(rf"^\s*{key}: (\S+)", read(file), flags=re.M)
+        assert found == ([address] if address else []), f"{file}: {key} is not the address"
+
+
+@pytest.mark.parametrize("address", ["", "https://host.org/own/ivtools"])
+def test_no_link_of_the_readme_is_dead_on_an_index(address):
+    text, made = read("README.md"), addresses()
+    shown = made.readme(text, address)
+    links = re.findall(r"\]\(([^)]+)\)|src=\"([^\"]+)\"", shown)
+    assert all("".join(link).startswith(("https://", "#")) for link in links)
+    assert bool(made.urls(address)) == bool(address)
+    assert bool(address) == any(address and address in "".join(x) for x in links)
+    for words in ("Your own log", "how it decides", "make demo"):
+        assert words in shown
+    if not address:
+        assert "<img" not in shown and "source archive" in shown
+    else:
+        assert f'src="{address}/raw/main/docs/figure.png"' in shown
+        assert f"]({address}/blob/main/docs/tutorial.md)" in shown
 
 
 def test_the_recipe_needs_what_the_package_needs():

@@ -8,7 +8,7 @@ import pytest
 
 import ivtools as iv
 from ivtools import plots
-from ivtools.report import Page, Picture
+from ivtools.report import Card, Page, Picture
 from ivtools.tables import Text, table
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -55,7 +55,7 @@ def page(twin) -> Page:
 
 def test_the_page_is_whole_and_refers_to_nothing(page):
     found = outline(page.html())
-    assert found.seen.count("table") == 2 and found.seen.count("figure") == 1
+    assert found.seen.count("table") == 3 and found.seen.count("figure") == 1
     assert all(a.startswith(("#", "data:image/png")) for a in found.addresses)
     assert not re.search(r"https?://|@import|<script", page.html())
 
@@ -95,3 +95,17 @@ def test_a_notebook_shows_a_page_in_a_frame():
     assert repr(page) == 'Page: An "axis" & more'
     assert html.unescape(frame.split('srcdoc="')[1].removesuffix('"></iframe>')) == page.html()
     assert '"axis"' not in frame.split("srcdoc")[0]
+
+
+def test_every_effect_is_explained():
+    from ivtools.physics import EFFECTS
+    from ivtools.report import terms
+
+    assert set(EFFECTS) - {*terms()} == set()
+
+
+def test_facts_of_one_label_stand_below_it_once():
+    page = Page("T", "L", Card("V.", (("Effects", "a"), ("Effects", "b"), ("Floor", "c"))))
+    assert re.findall(r"<d[td]>(?:<dfn[^>]*>)?(\w+)", page.html().split("</section>")[0]) == [
+        "Effects", "a", "b", "Floor", "c",
+    ]  # fmt: skip

@@ -125,11 +125,15 @@ def test_the_verbs_of_a_robot(folder, capsys):
     assert len(info["base"]) == 36 and len(info["joints"]) == 6
     assert run(["robot", "new", log, "--urdf", str(folder / "arm.urdf"), "--out", robot]) == 0
     assert iv.RobotLoop.from_file(robot).axes[0].controller.settings["kp"] == pytest.approx(3000.0)
-    assert run(["identify", log, "--robot", robot, "--method", "idim-iv", "--json", fit]) == 0
+    pages = str(folder / "pages")
+    identify = ["identify", log, "--robot", robot, "--method", "idim-iv", "--json", fit]
+    assert run([*identify, "--out", pages]) == 0
+    assert "joint_6" in (folder / "pages" / "report.html").read_text(encoding="utf-8")
     found = json.loads(Path(fit).read_text())
     assert found["converged"] and set(found["joints"]) == set(iv.Robot.six_axis().names)
     assert len(found["base"]) == 36 and found["standard"]["flange"]["mass"] > 0.0
-    assert run(["simulate", log, "--robot", robot, "--theta", fit, "--json", "-"]) == 0
+    simulate = ["simulate", log, "--robot", robot, "--theta", fit, "--out", pages]
+    assert run([*simulate, "--json", "-"]) == 0
     text = capsys.readouterr().out
     errors = json.loads(text[text.rindex('{\n  "relative_error"') :])
     assert max(joint["position"] for joint in errors["joints"].values()) < 0.5
@@ -142,3 +146,11 @@ def test_faults_end_with_status_two_and_one_line(folder, capsys):
     assert run(["identify", log, "--robot", str(folder / "robot.toml"), "--axis", "emps"]) == 2
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 3 and all(line.startswith("ivtools: error: ") for line in said)
+
+
+def test_a_drafted_file_finds_its_model_from_its_own_folder(folder, monkeypatch):
+    monkeypatch.chdir(folder.parent)
+    name = folder.name
+    draft = ["robot", "new", f"{name}/log.csv", "--urdf", f"{name}/arm.urdf"]
+    assert run([*draft, "--out", f"{name}/near.toml"]) == 0
+    assert iv.RobotLoop.from_file(folder / "near.toml").n_joints == 6

@@ -99,17 +99,23 @@ def excite(
         found = pattern(loop, bounds, kind.value, seconds=seconds, rate_hz=rate, seed=seed)
     texts: list[object] = [found.summary()]
     if out is not None:
-        texts.append(_written(found, out))
+        texts.append(_written(found, out, _kind(loop)))
     write_json(found.to_dict(), json)
     show(*texts, json_file=json)
 
 
-def _written(found: Excitation, out: Path) -> str:
+def _kind(loop: Any) -> str | None:
+    """Return the kind of all joints; None if they differ."""
+    kinds = {j.kind for j in loop.robot.joints} if hasattr(loop, "robot") else {loop.joint}
+    return kinds.pop() if len(kinds) == 1 else None
+
+
+def _written(found: Excitation, out: Path, kind: str | None) -> str:
     from ivtools.files import write
     from ivtools.plots.style import encode
 
-    figure = out.with_suffix(".svg")
-    return f"reference: {write(out, found.to_csv())}\nfigure: {write(figure, encode(found.plot()))}"
+    figure = write(out.with_suffix(".svg"), encode(found.plot(kind)))
+    return f"reference: {write(out, found.to_csv())}\nfigure: {figure}"
 
 
 def _loop_and_limits(model: Path, file: Path | None) -> tuple[Any, Limits]:

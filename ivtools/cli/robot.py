@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -78,10 +79,20 @@ def new(
     terms: Any = ("inertia", "viscous", "coulomb", "offset")
     loop = RobotLoop(robot, [ClosedLoop(controller, gain, terms)] * robot.n_joints)
     loop = replace(loop.known(found), name=robot.name)
-    text = loop.to_toml(str(urdf))
+    text = loop.to_toml(_seen_from(out, urdf))
     if out is not None:
         write(out, text)
     show(f"wrote {out}" if out is not None else text.rstrip())
+
+
+def _seen_from(file: Path | None, model: Path) -> str:
+    """Return the path of a model as the file that names it reads it: from its own folder."""
+    if file is None or model.is_absolute():
+        return str(model)
+    try:
+        return Path(os.path.relpath(model, file.parent)).as_posix()
+    except ValueError:  # on another drive
+        return str(model.absolute())
 
 
 def read_model(model: Path, joints: str | None = None) -> Robot:

@@ -112,8 +112,14 @@ class Excitation:
         title = f"Excitation, {self.kind}: {len(self.t)} samples, {self.t[-1]:.4g} s"
         return table(title, lines, header, rows, notes, left=1)
 
-    def plot(self) -> Any:
-        """Draw position, velocity and effort of every joint over time."""
+    def plot(self, kind: str | None = None) -> Any:
+        """Draw position, velocity and effort of every joint over time.
+
+        Parameters
+        ----------
+        kind : {"prismatic", "revolute"}, optional
+            Of all joints: says the units.
+        """
         from ..plots.excitation import excitation
 
-        return excitation(self)
+        return excitation(self, kind=kind)

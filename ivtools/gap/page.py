@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..report import Card, Page
     from .diagnosis import Diagnosis
     from .quantify import Shrink
+    from .verdict import Replica
 
 _NEXT = 4  # lines of advice on the card
 _TONES: dict[str, Literal["good", "doubt", "bad"]] = {
@@ -42,66 +43,141 @@ def page(diagnosis: Diagnosis) -> Page:
     from ..plots import gap as figures
     from ..report import Page, Picture
 
-    verdict = diagnosis.verdict
-    lead = f"{verdict}: {VERDICTS[verdict]}."
-    out = Page(f"Diagnosis of {diagnosis.name}", lead, _card(diagnosis))
-    told = [_sentence(f.text) for f in diagnosis.findings]
-    shown = [_named(diagnosis)] if diagnosis.replicas else []
+    out = Page(f"Diagnosis of {diagnosis.name}", _lead(diagnosis), _card(diagnosis))
+    told = [_sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
+    shown = [named_table(diagnosis)] if diagnosis.replicas else []
     if diagnosis.changes:
         shown.append(changes_table(diagnosis.changes))
-    out.add("The answer", *_gap(diagnosis), *told, tables=shown)
+    out.add("The answer", *gap_text(diagnosis), *told, tables=shown)
     if diagnosis.traces is None or diagnosis.shrink is None:
         return out
     about = _RECORD if diagnosis.effects else _RECORD_ALONE
     out.add("The record", figures=[figures.over_time(diagnosis, "record", about)])
-    tables = {"where": [], "which": [_ranking(diagnosis)], "how-far": [_signals(diagnosis)]}
+    tables = {"where": [], "which": [ranking_table(diagnosis)], "how-far": [_signals(diagnosis)]}
     titles = ("Where", "Which effect", "How far")
     beside = [f"{e} shows only once the other effects are in the model." for e in diagnosis.beside]
     for title, (name, draw, caption) in zip(titles, figures.SET, strict=True):
         picture = Picture(name, draw(diagnosis), caption)
         told = [*beside, *_nothing(diagnosis)] if name == "which" else []
         out.add(title, *told, tables=tables[name], figures=[picture])
-    if diagnosis.advice:
-        out.add("Remarks and advice", *map(_sentence, diagnosis.advice))
+    if rest := _remarks(diagnosis)[_NEXT:]:
+        out.add("More remarks", *rest)
     return out
+
+
+def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
+    """Add the diagnosis of a robot's joint to a page: answer, forces, ranking, remarks.
+
+    Parameters
+    ----------
+    out : Page
+    title : str
+        Of the section.
+    diagnosis : Diagnosis
+    figure : str
+        Name of its chart.
+    """
+    from ..plots import gap as figures
+
+    verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
+    told = [_sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
+    tables = [named_table(diagnosis)] if diagnosis.replicas else []
+    charts = []
+    if diagnosis.traces is not None and diagnosis.shrink is not None:
+        tables.append(ranking_table(diagnosis))
+        about = _RECORD if diagnosis.effects else _RECORD_ALONE
+        charts.append(figures.over_time(diagnosis, figure, about))
+    remarks = map(_sentence, diagnosis.advice)
+    out.add(title, verdict, *gap_text(diagnosis), *told, *remarks, tables=tables, figures=charts)
+
+
+def _lead(diagnosis: Diagnosis) -> str:
+    """Return which model is set against which records."""
+    sides = next((r.sides for r in diagnosis.replicas), None)
+    s = diagnosis.shrink
+    if s is not None and s.held_out and sides is not None:
+        return f"{diagnosis.loop.name} against {sides[0]}, judged on {sides[1]}."
+    return f"{diagnosis.loop.name} against {diagnosis.name}."
+
+
+def _remarks(diagnosis: Diagnosis) -> list[str]:
+    """Return what to know or to do, the most important first."""
+    fatal = [f.text for f in diagnosis.findings if f.fatal]
+    return [_sentence(text) for text in (*fatal, *diagnosis.advice)]
+
+
+def _more(diagnosis: Diagnosis) -> list[str]:
+    """Return what differs between the records, and what is left without a name."""
+    lines = [
+        f"{name} {change.text} between the records: a changed setting, not an effect"
+        for name, change in diagnosis.changed.items()
+    ]
+    if diagnosis.discrepancy is not None:
+        lines.append(f"what is left: {diagnosis.discrepancy.text}")
+    s = diagnosis.shrink
+    if s is not None and s.judged is not None:
+        j = s.judged
+        lines.append(
+            f"on {j.record}, which took part in nothing, the error goes from {j.before:.3g} to "
+            f"{j.after:.3g} {s.unit} (95 % interval {j.interval[0]:.3g} to {j.interval[1]:.3g})"
+        )
+    return lines
 
 
 def _card(diagnosis: Diagnosis) -> Card:
     """Return the answer in short: verdict, effects with their values, errors, what to do next."""
     from ..report import Card
 
-    named = _effects(diagnosis) or ("none is named" if diagnosis.shrink is not None else "")
-    facts = [("Effects", named)] * bool(named)
     s = diagnosis.shrink
+    facts = [("Effects", told) for told in effects_text(diagnosis)]
+    if s is not None and not facts:
+        facts = [("Effects", "none is named")]
     if s is not None:
         after = f" → {quantity(s.after, s.unit, 3)}" if diagnosis.effects else ""
-        share = f"{s.of_force(s.before):.2g} %"
-        share += f" → {s.of_force(s.after):.2g} %" if diagnosis.effects else ""
+        share = f"{_percent(s.of_force(s.before))} %"
+        share += f" → {_percent(s.of_force(s.after))} %" if diagnosis.effects else ""
         facts += [
             ("Force error, rms", f"{quantity(s.before, s.unit, 3)}{after}; {share} of the force"),
             ("Floor", quantity(s.floor, s.unit, 3)),
         ]
-    fatal = [f.text for f in diagnosis.findings if f.fatal]
-    lines = [*fatal, *diagnosis.advice][:_NEXT]
     verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
     if s is None:
         verdict = "No answer: the record or the axis file must be looked at first."
     tone = "bad" if s is None else _TONES.get(diagnosis.verdict, "doubt")
-    return Card(verdict, tuple(facts), tuple(map(_sentence, lines)), tone)
+    return Card(verdict, tuple(facts), tuple(_remarks(diagnosis)[:_NEXT]), tone)
 
 
-def _effects(diagnosis: Diagnosis) -> str:
-    """Return the named effects with their values, and what each may also be."""
+def _percent(share: float) -> str:
+    """Return a share with two digits or one decimal, the same before and after.
+
+    Examples
+    --------
+    >>> _percent(7.74), _percent(2.0), _percent(31.4), _percent(0.0312)
+    ('7.7', '2.0', '31', '0.031')
+    """
+    return f"{share:.0f}" if share >= 10.0 else f"{share:.1f}" if share >= 0.1 else f"{share:.2g}"
+
+
+def _seen(replica: Replica, name: str) -> str:
+    """Return a parameter's value on the side that judged, or else on the other."""
+    return replica.value(name, 1 if replica.values[name][1] is not None else 0)
+
+
+def effects_text(diagnosis: Diagnosis) -> list[str]:
+    """Return each named effect with its values, how sure it is, and what it may also be."""
     told = []
     for effect in diagnosis.effects:
-        shown = next((r.short for r in diagnosis.replicas if r.effect == effect), "")
-        twins = ", ".join(diagnosis.ambiguous_with.get(effect, ()))
-        told.append(f"{effect} ({shown})" if shown else effect)
-        told[-1] += f", or {twins}" if twins else ""
-    return "; ".join(told)
+        replica = next((r for r in diagnosis.replicas if r.effect == effect), None)
+        values = ", ".join(f"{k} {_seen(replica, k)}" for k in replica.values) if replica else ""
+        text = f"{effect}: {values}" if values else effect
+        if effect in diagnosis.probability:
+            text += f" ({100 * diagnosis.probability[effect]:.0f} % likely)"
+        twins = " or ".join(diagnosis.ambiguous_with.get(effect, ()))
+        told.append(f"{text}; may also be {twins}" if twins else text)
+    return told
 
 
-def _gap(diagnosis: Diagnosis) -> list[str]:
+def gap_text(diagnosis: Diagnosis) -> list[str]:
     """Return the gap before and after in a sentence or two."""
     s = diagnosis.shrink
     if s is None:
@@ -139,7 +215,7 @@ def _controller(s: Shrink) -> str:
     return f" {s.corrected:.3g} {s.unit} with the controller put right,"
 
 
-def _named(diagnosis: Diagnosis) -> Text:
+def named_table(diagnosis: Diagnosis) -> Text:
     """Return the named effects, their values on either side, and whether they replicate."""
     one, two = diagnosis.replicas[0].sides
     rows: list[Sequence[str]] = []
@@ -162,7 +238,8 @@ def _named(diagnosis: Diagnosis) -> Text:
     return table("What is named", [], header, rows, left=2)
 
 
-def _ranking(diagnosis: Diagnosis) -> Text:
+def ranking_table(diagnosis: Diagnosis) -> Text:
+    """Return what each effect closes by itself, the most first."""
     rows = [[r.effect, f"{100 * r.closed:.0f} %", r.chance] for r in diagnosis.ranking[:8]]
     return table("Ranking", [], ["effect", "closes by itself", "p value"], rows)
 

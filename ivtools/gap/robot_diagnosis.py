@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..results import FitResults
 from ..tables import Text, table
+from ..units import quantity
 from .diagnosis import Diagnosis
 from .fleet.entry import Entry
 from .fleet.fleet import Fleet
 
 if TYPE_CHECKING:
-    from ..report import Page
+    from ..report import Card, Page
 
 
 class Coupled(NamedTuple):
@@ -96,17 +98,42 @@ class RobotDiagnosis:
         """Return the overview: joints by effects."""
         from ..plots.fleet import fleet
         from ..report import Page, Picture
+        from .page import add_joint
 
-        out = Page(f"Diagnosis of {self.robot}", f"Record {self.name}.")
+        out = Page(f"Diagnosis of {self.robot}", f"Joint by joint, on {self.name}.", self._card())
         caption = (
             "Effects by joint, and the force error of each joint by itself, before (grey) and "
             "after (brown) they are in the model, with its 95 % interval and the floor (green)."
         )
         out.add("The joints at a glance", figures=[Picture("joints", fleet(self.fleet()), caption)])
         out.add("Joints", tables=[self.summary()])
-        for name, diagnosis in self.joints.items():
-            out.add(name, tables=[diagnosis.summary()])
+        for k, (name, diagnosis) in enumerate(self.joints.items(), 1):
+            add_joint(out, name, diagnosis, f"joint-{k}")
         return out
+
+    def _card(self) -> Card:
+        """Return the robot in short: what is named in which joint, and what it is worth."""
+        from ..report import Card
+        from .page import effects_text
+
+        facts = [(name, text) for name, d in self.joints.items() for text in effects_text(d)]
+        if not facts:
+            facts = [("Effects", "none is named in any joint")]
+        for name in self.effects:
+            before, after = self.coupled.before[name], self.coupled.after[name]
+            shrink = self.joints[name].shrink
+            unit = shrink.unit if shrink is not None else ""
+            facts.append(
+                ("Force error, rms",
+                 f"{name}, in one simulation of all: {quantity(before, unit, 3)} → "
+                 f"{quantity(after, unit, 3)}")
+            )  # fmt: skip
+        counts = Counter(d.verdict for d in self.joints.values()).most_common()
+        told = ", ".join(f"{count} {verdict}" for verdict, count in counts)
+        good = {"adequate", "explained"} >= {verdict for verdict, _ in counts}
+        plural = "s" if len(self.joints) != 1 else ""
+        verdict = f"{len(self.joints)} joint{plural}: {told}."
+        return Card(verdict, tuple(facts), tuple(self.notes[:4]), "good" if good else "doubt")
 
     def to_html(self, path: str | Path) -> Path:
         """Write the overview as one page."""

@@ -220,6 +220,10 @@ class ClosedLoop(Model):
         """Names of the joints: the axis."""
         return (self.name,)
 
+    def kind_of(self, joint: int) -> str:
+        """Return whether a joint, counted from 0, is prismatic or revolute."""
+        return self.joint
+
     def axis(self, joint: int, record: Record, theta: Theta | None = None) -> ClosedLoop:
         """Return the loop of a joint alone, as a robot's does: this one."""
         return self

@@ -145,6 +145,10 @@ class RobotLoop(Model):
         """Names of the joints."""
         return self.robot.names
 
+    def kind_of(self, joint: int) -> str:
+        """Return whether a joint, counted from 0, is prismatic or revolute."""
+        return self.axes[joint].joint
+
     @property
     def terms(self) -> tuple[Term, ...]:  # type: ignore[override]
         """The terms of all joints, each once."""

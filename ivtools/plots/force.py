@@ -33,6 +33,7 @@ def force(
     results: FitResults,
     problem: Problem | None = None,
     *,
+    joint: int | None = None,
     title: str | None = None,
     width_mm: float = WIDTH_MM,
 ) -> Sheet:
@@ -44,6 +45,8 @@ def force(
         The estimate.
     problem : Problem, optional
         Another record to reconstruct with it (cross-test); default: its own.
+    joint : int, optional
+        Of a robot, counted from 0: its rows alone.
     title : str, optional
         Default: method and relative error.
     width_mm : float
@@ -60,7 +63,7 @@ def force(
     >>> len(force(fit).axes)
     2
     """
-    shown = _Shown.of(results, problem)
+    shown = _Shown.of(results, problem, joint)
     t, y, model = shown.t, shown.y, shown.model
     with look():
         figure = sheet(width_mm, 62.0)
@@ -87,6 +90,7 @@ def force_chart(
     *,
     name: str,
     caption: str,
+    joint: int | None = None,
     title: str | None = None,
     limits: tuple[float, float] | None = None,
 ) -> Chart:
@@ -94,14 +98,14 @@ def force_chart(
 
     Parameters
     ----------
-    results, problem, title
+    results, problem, joint, title
         As for `force`.
     name, caption : str
         Of the chart on its page.
     limits : (float, float), optional
         Of the error's axis while all is shown, for charts that are compared.
     """
-    shown = _Shown.of(results, problem)
+    shown = _Shown.of(results, problem, joint)
     error = shown.y - shown.model
     signals = (
         Series("measured", shown.y, "measured"),
@@ -113,7 +117,7 @@ def force_chart(
             "error", shown.unit, (Series("error", error, "error"),), limits or inner_limits(error)
         ),
     )
-    still = force(results, problem, title=title)
+    still = force(results, problem, joint=joint, title=title)
     return Chart(name, shown.t, panels, caption, worst(shown.t, error), still, shown.across)
 
 
@@ -129,21 +133,23 @@ class _Shown:
     across: str
 
     @classmethod
-    def of(cls, results: FitResults, problem: Problem | None) -> _Shown:
+    def of(cls, results: FitResults, problem: Problem | None, joint: int | None) -> _Shown:
         own = problem or results.problem
         y = results.y if problem is None else problem.y
         model = results.fitted if problem is None else problem.X @ results.params.to_numpy()
         t = results.t if problem is None else problem.t
-        joint = own.loop.joint if own is not None else "prismatic"
-        quantity = "force" if joint == "prismatic" else "torque"
+        kind = own.loop.kind_of(joint or 0) if own is not None else "prismatic"
+        quantity = "force" if kind == "prismatic" else "torque"
         if problem is None and results.signal != "force":  # what output error compares
             quantity = results.signal
+        t = np.arange(len(y), dtype=float) if t is None else t
+        mine = slice(None) if joint is None or own is None else own.row_joints == joint
         return cls(
-            t=np.arange(len(y), dtype=float) if t is None else t,
-            y=y,
-            model=model,
+            t=t[mine],
+            y=y[mine],
+            model=model[mine],
             quantity=quantity,
-            unit=readable(units_of(joint)[quantity]),
+            unit=readable(units_of(kind)[quantity]),
             across="time, s" if own is not None else "row",
         )
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Patch
 
 from ivtools.errors import DataError
@@ -20,6 +21,8 @@ _BEFORE, _AFTER = str(COLOURS["error"]), str(COLOURS["model"])
 _FLOOR, _TWIN, _OTHER, _EVENT = "#009e73", "#e69f00", "#c8c8c8", "#f0e442"
 _RIGHT = "#9a9a9a"
 _FAINT = 0.25
+#: Below zero, zero, above: the middle is grey, so that it is quiet on light and dark paper.
+_SIGNED = LinearSegmentedColormap.from_list("signed", ("#2166ac", "#a9a9a9", "#c22b1f"))
 _SHOWN = 10  # effects of a ranking
 _BESIDE: dict[str, Any] = {
     "textcoords": "offset points",
@@ -121,7 +124,7 @@ def error_in_the_plane(axes: Axes, diagnosis: Diagnosis) -> None:
         v[rows],
         c=traces.before[rows],
         s=2.0,
-        cmap="RdBu_r",
+        cmap=_SIGNED,
         vmin=-size,
         vmax=size,
         rasterized=True,

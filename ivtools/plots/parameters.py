@@ -90,18 +90,18 @@ def _panel(axes: Axes, name: str, fits: Sequence[FitResults], level: float) -> N
             lw=1.1,
             capsize=2.0,
         )
-    axes.set_xlabel(f"{_shown(name)}, {readable(unit)}" if unit else _shown(name))
+    axes.set_xlabel(f"{shown_name(name)}, {readable(unit)}" if unit else shown_name(name))
     axes.margins(x=0.12)
     axes.locator_params(axis="x", nbins=4)
     axes.grid(axis="y", visible=False)
 
 
-def _shown(name: str) -> str:
+def shown_name(name: str) -> str:
     """Return a parameter's name as it is printed.
 
     Examples
     --------
-    >>> _shown("viscous_pos")
+    >>> shown_name("viscous_pos")
     'viscous (+)'
     """
     for end, sign in (("_pos", " (+)"), ("_neg", " (\u2212)")):

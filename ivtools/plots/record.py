@@ -28,7 +28,9 @@ _QUANTITIES = {"q": "position", "dq": "velocity", "nu": "command", "tau": "force
 _BESIDE = {"q_ref": "reference", "dq_ref": "reference", "added": "added", "load": "outside force"}
 
 
-def record(logged: Record, joint: int = 0, *, width_mm: float = WIDTH_MM) -> Sheet:
+def record(
+    logged: Record, joint: int = 0, *, kind: str | None = None, width_mm: float = WIDTH_MM
+) -> Sheet:
     """Draw what was logged of one joint; a velocity that was not is differenced.
 
     Parameters
@@ -36,6 +38,8 @@ def record(logged: Record, joint: int = 0, *, width_mm: float = WIDTH_MM) -> She
     logged : Record
     joint : int
         Counted from 0.
+    kind : {"prismatic", "revolute"}, optional
+        Says the units; without it they are not written, as a record does not know them.
     width_mm : float
         Width of the figure, mm.
 
@@ -53,10 +57,13 @@ def record(logged: Record, joint: int = 0, *, width_mm: float = WIDTH_MM) -> She
         panels = np.atleast_1d(figure.subplots(len(rows), sharex=True))
         for axes, (main, beside) in zip(panels, rows, strict=True):
             if beside in signals:
-                line(axes, logged.t, signals[beside], color=COLOURS["model"], label=beside)
-            line(axes, logged.t, signals[main], color=COLOURS["measured"], label=main)
+                label = f"{_BESIDE[beside]} ({beside})"
+                line(axes, logged.t, signals[beside], color=COLOURS["model"], label=label)
+            said = main if main in logged.signals else "difference of q"
+            line(axes, logged.t, signals[main], color=COLOURS["measured"], label=said)
             legend_above(axes)
-            axes.set_ylabel(main)
+            unit = UNITS[main][kind == "revolute"] if kind is not None and main in UNITS else ""
+            axes.set_ylabel(f"{_QUANTITIES[main]}, {readable(unit)}" if unit else _QUANTITIES[main])
         panels[-1].set_xlabel("time, s")
     return figure
 

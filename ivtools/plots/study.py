@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from ivtools.plots.parameters import _shown
+from ivtools.plots.parameters import shown_name
 from ivtools.plots.style import COLOURS, MARKERS, WIDTH_MM, Sheet, look, sheet
 
 if TYPE_CHECKING:
@@ -54,12 +54,12 @@ def bias(score: Score, case: str | None = None, *, width_mm: float = WIDTH_MM) -
         panels = np.ravel(figure.subplots(rows, 2, squeeze=False, sharey=True))
         for axes, name in zip(panels, names, strict=False):
             _biases(axes, table[table["parameter"] == name], estimators)
-            axes.set_xlabel(f"bias of {_shown(name)}, %")
+            axes.set_xlabel(f"bias of {shown_name(name)}, %")
         for axes in panels[len(names) :]:
             axes.set_visible(False)
         panels[0].set_yticks(range(len(estimators)), estimators)
         panels[0].set_ylim(len(estimators) - 0.5, -0.5)
-        figure.suptitle(f"Bias and spread, {case}", fontsize=7.5)
+        figure.suptitle(f"Bias and spread, {case.replace('_', ' ')}", fontsize=7.5)
     return figure
 
 
@@ -110,7 +110,7 @@ def levels(
         axes.set_yscale("log")
         name = factor.split(".")[-1]
         axes.set_xlabel(LABELS.get(name, name.replace("_", " ")))
-        axes.set_ylabel(f"RMSE{'' if parameter is None else ' of ' + _shown(parameter)}, %")
+        axes.set_ylabel(f"RMSE{'' if parameter is None else ' of ' + shown_name(parameter)}, %")
         figure.legend(loc="outside lower center", ncols=3)
     return figure
 
@@ -146,7 +146,7 @@ def heatmap(
         norm = LogNorm(lowest, max(highest, 1.01 * lowest))
         axes.imshow(values, cmap="YlOrBr", norm=norm, aspect="auto")
         axes.set_yticks(range(len(table)), [str(e) for e in table.index])
-        labels = [str(c).replace(", ", "\n") for c in table.columns]
+        labels = [str(c).replace(", ", "\n").replace("_", " ") for c in table.columns]
         axes.set_xticks(range(table.shape[1]), labels, rotation=30, ha="right")
         axes.grid(visible=False)
         for (row, column), value in np.ndenumerate(values):
@@ -154,7 +154,7 @@ def heatmap(
             text = f"{value:.2g}" if np.isfinite(value) else "\u2013"
             colour = "white" if dark else "black"
             axes.text(column, row, text, ha="center", va="center", color=colour, fontsize=6.5)
-        what = "over all parameters" if parameter is None else f"of {_shown(parameter)}"
+        what = "over all parameters" if parameter is None else f"of {shown_name(parameter)}"
         axes.set_title(f"RMSE {what}, %")
     return figure
 
@@ -168,11 +168,12 @@ def figures(score: Score) -> list[tuple[str, Sheet, str]]:
     found: list[tuple[str, Sheet, str]] = []
     for factor in score.factors.columns:
         if np.isfinite(_numbers(score.factors[factor])).sum() > 2:
+            said = str(factor).replace("_", " ")
             name = f"levels-{_slug(factor.split('.')[-1])}"
             if "inertia" in set(score.table["parameter"]):
-                caption = f"Error of the inertia against {factor}, bars are two standard errors."
+                caption = f"Error of the inertia against {said}, bars are two standard errors."
                 found.append((f"{name}-inertia", levels(score, factor, "inertia"), caption))
-            caption = f"Error of every estimator against {factor}, all parameters together."
+            caption = f"Error of every estimator against {said}, all parameters together."
             found.append((name, levels(score, factor), caption))
     cases = [str(c) for c in dict.fromkeys(score.table["case"])]
     if len(cases) > 1:
@@ -184,7 +185,7 @@ def figures(score: Score) -> list[tuple[str, Sheet, str]]:
     for case in cases if len(cases) <= 4 else cases[:: max(1, len(cases) - 1)]:
         caption = (
             f"Bias (point, with its 95 % Monte-Carlo interval) and standard deviation of one "
-            f"estimate (thin bar), {case}."
+            f"estimate (thin bar), {case.replace('_', ' ')}."
         )
         found.append((f"bias-{_slug(case)}", bias(score, case), caption))
     return found

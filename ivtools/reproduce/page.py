@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from ivtools import plots
 from ivtools.plots.chart import Chart
-from ivtools.report import Page
+from ivtools.report import Card, Page
 from ivtools.reproduce.clocks import CLOCKS
 from ivtools.reproduce.figures import published_theta
 from ivtools.reproduce.reproduction import Reproduction
@@ -20,14 +20,21 @@ LEAD = (
 
 def page(result: Reproduction) -> Page:
     """Return the page of a reproduction: tables by section, figures 3 to 6, the clocks."""
-    out = Page("The EMPS report, reproduced", LEAD)
+    out = Page("The EMPS report, reproduced", LEAD, _card(result))
     tables = dict(zip([*SECTIONS, "clocks"], result.tables(), strict=True))
     charts = _charts(result)
-    out.add("Verdict", f"{result.verdict()}.")
     for name, title in SECTIONS.items():
         out.add(title, tables=[tables[name]], figures=charts.get(name, []))
     out.add("Published clock and true clock", tables=[tables["clocks"]])
     return out
+
+
+def _card(result: Reproduction) -> Card:
+    """Return how many of the printed numbers come out."""
+    wrong = any(row.agrees is False for row in result.rows)
+    open_ = sum(row.agrees is None for row in result.rows)
+    facts = (("Not judged", f"{open_}: the report does not say how they were made."),)
+    return Card(f"{result.verdict()}.", facts[: int(open_ > 0)], (), "bad" if wrong else "good")
 
 
 def _charts(result: Reproduction) -> dict[str, list[Chart]]:

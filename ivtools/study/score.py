@@ -173,9 +173,7 @@ class Score(Displayed):
         return f"Score: {cases} cases, {estimators} estimators, {int(self.fits['fits'].sum())} fits"
 
     def _repr_html_(self) -> str:
-        columns = ["bias", "sd", "rmse", "rmse_mcse", "coverage", "efficiency", "n"]
-        shown = self.table.set_index(GROUP)[columns]
-        return str(shown.to_html(float_format="{:.3g}".format))
+        return self.summary().html  # a row per estimator; `table` has those of the parameters
 
 
 def _scores(group: pd.DataFrame) -> dict[str, float]:

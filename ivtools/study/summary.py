@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from ivtools.tables import Text, table
+from ivtools.tables import Text, rounded, table
 
 if TYPE_CHECKING:
-    from ivtools.report import Page
+    from ivtools.report import Card, Page
     from ivtools.study.score import Score
 
 _OVERALL = {
@@ -49,14 +49,40 @@ def page(score: Score, figures: bool = True) -> Page:
     from ivtools.plots import study
     from ivtools.report import Page, Picture
 
-    out = Page(score.title or "Monte-Carlo study", score.question)
+    out = Page(score.title or "Monte-Carlo study", score.question, card(score))
     drawn = [Picture(*found) for found in study.figures(score)] if figures else []
     out.add("At a glance", f"{score!r}. {_LEGEND}", figures=drawn)
     for case, rows in _by_case(overall(score)):
         parameters = details(score, case).drop(columns="case")
         best = f"Smallest RMSE, ties within chance included: {first(score, case)}."
-        out.add(case, best, tables=[_both(rows), _both(parameters)])
+        folded = [("By parameter", _laid_out(parameters, 2))]
+        out.add(case.replace("_", " "), best, tables=[_laid_out(rows, 1)], folded=folded)
     return out
+
+
+def card(score: Score) -> Card:
+    """Return a score in short: who is never beaten, who is biased, who does not converge."""
+    from ivtools.report import Card
+
+    best, biased, fits = score.best(), score.biased(), score.fits
+    pairs = best.groupby(["case", "parameter"], observed=True).ngroups
+    wins = best["estimator"].value_counts()
+    leaders = [str(name) for name in wins[wins == wins.max()].index] if len(wins) else []
+    verdict = "No estimator has a score."
+    if leaders:
+        names, count = " and ".join(leaders), int(wins.max())
+        verdict = f"{names}: least error, or not told from it, in {count} of {pairs} comparisons."
+    lasting = biased["estimator"].value_counts()
+    told = ", ".join(f"{name} {n}" for name, n in lasting.items() if n) or "none"
+    facts = [
+        ("Comparisons", "a parameter in a case: which estimator has the smallest RMSE"),
+        ("Biased beyond three standard errors", f"{told} of {pairs}" if len(biased) else told),
+    ]
+    lost = fits[fits["converged"] < 100.0].groupby("estimator", observed=True).size()
+    if len(lost := lost[lost > 0]):
+        text = ", ".join(f"{name} in {n} case{'s' * (n > 1)}" for name, n in lost.items())
+        facts.append(("Not always converged", text))
+    return Card(verdict, tuple(facts), (), "good" if leaders else "doubt")
 
 
 def text(score: Score) -> Text:
@@ -66,8 +92,8 @@ def text(score: Score) -> Text:
     for case, rows in _by_case(overall(score)):
         keep = rows[["estimator", "RMSE %", "bias %", "coverage %", "converged %", "ms per fit"]]
         cells = [[_cell(v) for v in row] for row in keep.itertuples(index=False)]
-        tables.append(str(table(case, [], header, cells)))
-    return Text("\n\n".join(tables), "".join(_html(r) for _, r in _by_case(overall(score))))
+        tables.append(table(case, [], header, cells))
+    return Text("\n\n".join(map(str, tables)), "".join(t.html for t in tables))
 
 
 def overall(score: Score) -> pd.DataFrame:
@@ -84,7 +110,7 @@ def details(score: Score, case: str) -> pd.DataFrame:
     for name in ("bias", "sd", "rmse"):
         pairs = zip(rows[name], rows[f"{name}_mcse"], strict=True)
         label = "RMSE" if name == "rmse" else name
-        shown[f"{label} %"] = [f"{value:.3g} ± {error:.1g}" for value, error in pairs]
+        shown[f"{label} %"] = [" ± ".join(rounded(value, error, 1)) for value, error in pairs]
     shown["coverage %"] = rows["coverage"].map("{:.3g}".format)
     shown["efficiency %"] = rows["efficiency"].map("{:.3g}".format)
     shown["fits"] = rows["n"].astype(int)
@@ -114,9 +140,7 @@ def _pipes(table: pd.DataFrame) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows) + "\n"
 
 
-def _html(table: pd.DataFrame) -> str:
-    return str(table.to_html(index=False, border=0, float_format="{:.3g}".format, justify="left"))
-
-
-def _both(table: pd.DataFrame) -> Text:
-    return Text(_pipes(table), f'<div class="ivtools">{_html(table)}</div>')
+def _laid_out(frame: pd.DataFrame, left: int) -> Text:
+    """Return a table for a page, its numbers on the right."""
+    rows = [[_cell(v) for v in row] for row in frame.itertuples(index=False)]
+    return table("", [], list(frame.columns), rows, left=left)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ...files import write
 from ...physics import EFFECTS
 from ...tables import Text, csv, table
+from ...units import prefixed
 from .entry import FAILED, Entry
 from .shelf import PAGES
 
@@ -111,7 +112,7 @@ class Fleet:
         for effect, parameters in self.effects().items():
             count = sum(effect in e.effects for e in self.entries)
             ranges = "; ".join(
-                f"{name} {_range(values)} {self._unit_of(effect, name)}".rstrip()
+                f"{name} {_range(values, self._unit_of(effect, name))}"
                 for name, values in parameters.items()
                 if values
             )
@@ -265,9 +266,18 @@ def _cells(entry: Entry, links: str) -> str:
     return f"<td>{name}</td><td{colour}>{escape(entry.verdict)}</td><td>{effects}</td>{cells}"
 
 
-def _range(values: Sequence[float]) -> str:
+def _range(values: Sequence[float], unit: str) -> str:
+    """Write the median with its unit; of several, the least and the largest too.
+
+    Examples
+    --------
+    >>> _range([0.0021, 0.002, 0.0022], "m")
+    '2.1 mm (2 to 2.2)'
+    """
     ordered = sorted(values)
     middle = ordered[len(ordered) // 2]
+    factor, unit = prefixed(middle, unit)
+    shown = f"{factor * middle:.3g} {unit}".rstrip()
     if len(ordered) == 1:
-        return f"{middle:.3g}"
-    return f"{middle:.3g} [{ordered[0]:.3g}, {ordered[-1]:.3g}]"
+        return shown
+    return f"{shown} ({factor * ordered[0]:.3g} to {factor * ordered[-1]:.3g})"
