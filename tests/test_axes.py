@@ -107,6 +107,26 @@ def test_strong_stiction_without_a_mask_is_no_trap():
             assert any("no solution" in note for note in fit.notes)
 
 
+def check_stiction(seeds, least):
+    """With coloured noise `valve` has no fixed point to the last digit; fits end all the same."""
+    (case,) = (c for c in load("axes").cases if c.factors == {"axis": "valve", "noise": "coloured"})
+    found = {}
+    for method in ("idim-bciv", "idim-piv"):
+        fits = [fitted(case, method, seed) for seed in seeds]
+        found[method] = sum(fit.converged for fit, _, _ in fits)
+        assert all(np.abs(score).max() < 5.0 for fit, _, score in fits if fit.converged)
+    assert min(found.values()) >= least, found
+
+
+def test_a_late_iteration_ends_with_one_step_of_the_noise_model():
+    check_stiction((1007, 1008), least=2)
+
+
+@pytest.mark.slow
+def test_strong_stiction_and_coloured_noise_let_eight_in_ten_converge():
+    check_stiction(range(2000, 2040), least=32)
+
+
 @pytest.mark.parametrize("case", population(6, seed=36), ids=lambda case: case.name)
 def test_the_mask_leaves_rows_that_have_a_direction(case):
     record = case.record(0)

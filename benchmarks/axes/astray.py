@@ -45,9 +45,7 @@ settings. None of these axes was seen before the code was frozen. On every fifth
 - **largest**: error of any parameter in standard errors, of records with noise.
 - **time**: median of the processor time, ms.
 
-No estimate is {errors:g} standard errors off. What is {percent:g} % off is a parameter that the
-record hardly shows, an offset or viscous friction beside a noise as large as itself: no estimator
-knows it better there, and its result says so.
+{weak}
 
 What instruments contradict counts as not converged: that is what least squares lacks to 100 %.
 """
@@ -105,6 +103,29 @@ def run(path: Path, seconds: float, first: int = 0, last: int = RECORDS) -> None
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
     """Return one row per method."""
+    table = _judged(table)
+    rows = {str(m): _scores(group) for m, group in table.groupby("method", sort=False)}
+    return pd.DataFrame(rows).T.rename_axis("method").reset_index()
+
+
+def _known(table: pd.DataFrame) -> str:
+    """Say how well what is off can be known at all."""
+    table = _judged(table)
+    found = table[table["off"]][["record", "parameter", "true"]].drop_duplicates(ignore_index=True)
+    if found.empty:
+        return "None is off."
+    cases = population(RECORDS, SEED)
+    bounds = [100.0 * cases[r].bound()[p] / abs(t) for r, p, t in found.itertuples(index=False)]
+    return (
+        f"What is off is {' or '.join(sorted(set(found['parameter'])))}, of "
+        f"{found['record'].nunique()} records. The Cramer-Rao bound of these parameters is "
+        f"{min(bounds):.2g} to {max(bounds):.2g} %\nof their values: so badly does any unbiased "
+        "estimate know them."
+    )
+
+
+def _judged(table: pd.DataFrame) -> pd.DataFrame:
+    """Add the errors, and what is off though it has converged."""
     error = table["theta"] - table["true"]
     table = table.assign(
         z=error / table["std_error"],
@@ -113,9 +134,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     )
     off = table["percent"].abs() > OFF_PERCENT
     off |= table["noisy"] & (table["z"].abs() > OFF_ERRORS)
-    table = table.assign(off=off & table["converged"])
-    rows = {str(m): _scores(group) for m, group in table.groupby("method", sort=False)}
-    return pd.DataFrame(rows).T.rename_axis("method").reset_index()
+    return table.assign(off=off & table["converged"])
 
 
 def _scores(group: pd.DataFrame) -> dict[str, float]:
@@ -147,8 +166,7 @@ def markdown(table: pd.DataFrame) -> str:
             seed=SEED,
             seldom=", ".join(SELDOM),
             chance=2.0 / noisy**0.5,
-            errors=OFF_ERRORS,
-            percent=OFF_PERCENT,
+            weak=_known(table),
         )
     ]
     lines += ["| method | records | converged, % | off | unsaid | marked, % | coverage, % "

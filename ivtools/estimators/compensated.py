@@ -80,14 +80,17 @@ class IDIMBCIV(IDIMIV):
         Where the simulated loop fits worse than at a point on the way, the solution is not the
         axis; a start from an estimate that cannot be far off then finds the right one.
         """
-        paths = [self._iterate(problem, starting_values(problem, self.start))]
+        starts = [starting_values(problem, self.start)]
+        paths = [self._iterate(problem, starts[0])]
         fallback = None
         for other in self._others():
             if _sound(paths):
                 break
             fallback = _tried(other, problem) or fallback
-            if fallback is not None:
-                paths.append(self._iterate(problem, fallback.params.to_numpy()))
+            start = None if fallback is None else fallback.params.to_numpy()
+            if start is not None and not any(np.allclose(start, s, 1e-9, 0.0) for s in starts):
+                paths.append(self._iterate(problem, start))
+                starts.append(start)
         best = _sound(paths)
         if best is None:
             return self._unsettled(problem, paths[0], fallback)

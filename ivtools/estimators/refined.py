@@ -55,7 +55,8 @@ class IDIMPIV(IDIMBCIV):
     ----------
     M. Brunot, A. Janot, P. C. Young, F. Carrillo, "An improved instrumental variable method for
     industrial robot model identification", Control Engineering Practice 74, 2018;
-    P. C. Young, *Recursive Estimation and Time-Series Analysis*, 2nd ed., Springer 2011, ch. 7.
+    P. C. Young, *Recursive Estimation and Time-Series Analysis*, 2nd ed., Springer 2011, ch. 7;
+    E. L. Lehmann, G. Casella, *Theory of Point Estimation*, 2nd ed., 1998, section 6.4: one step.
 
     Examples
     --------
@@ -96,8 +97,15 @@ class IDIMPIV(IDIMBCIV):
         )
 
     def _settled(self, last: Step | None, step: Step) -> bool:
-        """Whether the iteration has stopped to move; not before the noise was looked at."""
-        return last is not None and last.change <= STEADY and super()._settled(last, step)
+        """Whether the iteration has stopped to move; not before the noise was looked at.
+
+        Late, where there may be no fixed point to the last digit, one step with the noise model
+        from where the iteration without it came to rest is the estimate: efficient to first order.
+        """
+        if last is None or last.change > STEADY:
+            return False
+        first = step.weights is not None and last.weights is None
+        return (step.late and first) or super()._settled(last, step)
 
     def notes(self, problem: Problem, step: Step) -> tuple[str, ...]:
         """Say what the noise is, and whether it is white behind the filter."""
