@@ -27,6 +27,7 @@ BOMS = {
 }
 NOT_TEXT = re.compile(r"[\x00-\x08\x0b\x0e-\x1f\x7f-\x9f]")
 NUMBER = re.compile(r"[+-]?(\d++[.,]?\d*+|[.,]\d++)([eE][+-]?\d++)?|[+-]?(nan|inf|infinity)", re.I)
+THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 SPOKEN = {";": "semicolons", "\t": "tabs", "|": "bars", r"\s+": "spaces"}
 SEP_LINE = re.compile(r'"?sep=([,;|\t])"?', re.I)  # spreadsheets write it above the header
 EMPTY = ("", "na", "n/a", "null", "none", "nan")
@@ -260,7 +261,10 @@ def _surplus(names: list[str], rows: list[list[str]]) -> int:
 
 def _decimal(rows: list[list[str]], separator: str) -> str:
     numbers = [field for row in rows for field in row if NUMBER.fullmatch(field)]
-    commas = any("," in field for field in numbers) and separator != ","
+    marked = [field for field in numbers if "," in field]
+    commas = bool(marked) and separator != ","
+    if commas and all(THOUSANDS.fullmatch(field) for field in marked):
+        commas = not any("." in field for field in numbers)  # 12,345 beside 0.5 is no decimal
     if commas and any("." in field for field in numbers):
         raise DataError("numbers have decimal commas and points; export it with one of them")
     return "," if commas else "."

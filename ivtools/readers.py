@@ -18,7 +18,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from ivtools import limits, mat_child
-from ivtools.columns import match_columns
+from ivtools.columns import match_columns, plain_name
 from ivtools.errors import DataError, IVToolsError, RecordError, optional, shown
 
 if TYPE_CHECKING:
@@ -37,6 +37,8 @@ _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log")
 _PIECE = 1_000_000  # numbers read at a time
 _SPARE = 1_000_000  # lines and bytes that a file may have beside its numbers
 _PER_NUMBER = 100  # bytes of text, on average
+_MOSTLY = 0.9  # of the cells of a column of numbers that are one
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:[,'\u2019\u00a0\u202f ]\d{3})+(?:\.\d*)?")
 _PATIENCE = 15.0  # s that a damaged MATLAB file may take, and what its size takes beside
 SUFFIXES = (*_TEXT, *(f"{suffix}.gz" for suffix in _TEXT), ".parquet", ".mat")
 
@@ -130,21 +132,26 @@ def _joined(
     A column that is wanted must be numbers; others are left out where they are not.
     """
     limits.check_columns(names)
-    wanted = _wanted(names, layout)
+    wanted: set[str] = set()
     clocks: dict[int, _Stamps] = {}
     kept: dict[int, list[NDArray[np.float64]]] = {i: [] for i in range(len(names))}
     n = 0
     for piece in pieces:
+        if n == 0:
+            clocks = {i: _Stamps() for i in kept if _Stamps.holds(piece.iloc[:, i])}
+            names = [_in_seconds(x) if i in clocks else x for i, x in enumerate(names)]
+            wanted = _wanted(names, layout)
         for i in list(kept):
             column = piece.iloc[:, i]
-            if n == 0 and _Stamps.holds(column):
-                clocks[i] = _Stamps()
             if i in clocks:
                 kept[i].append(clocks[i].seconds(names[i], column))
             elif names[i] in wanted:
-                kept[i].append(_numbers(names[i], column, n))
+                spoilt = layout is not None and layout.rows == "usable"
+                kept[i].append(_numbers(names[i], column, n, spoilt))
             elif column.dtype.kind in "biuf":
                 kept[i].append(column.to_numpy(dtype=float))
+            elif (numbers := _mostly(column)) is not None:
+                kept[i].append(numbers)
             elif layout is None and column.notna().sum() == 0:
                 kept[i].append(np.full(len(column), np.nan))
             else:
@@ -157,6 +164,12 @@ def _joined(
         table[names[i]] = parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0)])
         table[names[i]].flags.writeable = False  # a record then needs no copy of its own
     return table
+
+
+def _in_seconds(name: str) -> str:
+    """Return the name of a column that was read as times of the day, whatever its header says."""
+    plain, unit = plain_name(name)
+    return f"{plain} [s]" if unit else name
 
 
 class _Stamps:
@@ -201,20 +214,42 @@ def _wanted(names: list[str], layout: RecordFormat | None) -> set[str]:
     return {name for group in found.values() for name in group}
 
 
-def _numbers(name: str, column: pd.Series, first: int = 0) -> NDArray[np.float64]:
+def _plain_numbers(column: pd.Series) -> pd.Series:
+    """Return cells as numbers, marks between thousands left out, and NaN where there is none."""
+    import pandas as pd
+
+    text = column.astype(str).str.strip()
+    marked = text.str.fullmatch(_THOUSANDS)
+    text = text.where(~marked, text.str.replace(r"[^\d.+-]", "", regex=True))
+    return pd.to_numeric(text, errors="coerce")
+
+
+def _mostly(column: pd.Series) -> NDArray[np.float64] | None:
+    """Return a column whose cells are numbers but for some; None if there are too many others."""
+    if column.dtype.kind not in "OTU" and str(column.dtype) not in ("str", "string"):
+        return None
+    numbers = _plain_numbers(column).to_numpy(dtype=float)
+    return numbers if np.isfinite(numbers).mean() > _MOSTLY else None
+
+
+def _numbers(
+    name: str, column: pd.Series, first: int = 0, spoilt: bool = False
+) -> NDArray[np.float64]:
+    """Return a column as numbers; cells that are none are NaN if it may be `spoilt`."""
     import pandas as pd
 
     if column.dtype.kind in "Mm":
         raise RecordError(f"{shown(name)} holds dates; give seconds from the start of the record")
     if pd.api.types.is_numeric_dtype(column) and column.dtype.kind != "c":
         return column.to_numpy(dtype=float, na_value=np.nan)
-    numbers = pd.to_numeric(column, errors="coerce")
+    numbers = _plain_numbers(column)
     text = (numbers.isna() & column.notna()).to_numpy()
-    if text.any():
+    if text.any() and not spoilt:
         row = int(np.argmax(text))
         raise RecordError(
             f"{shown(name)} holds {shown(str(column.iloc[row]))!r} at row {first + row} (rows of "
-            "data count from 0), not a number; clean the file"
+            "data count from 0), not a number; clean the file, or leave such rows out by "
+            '[record] rows = "usable" in the axis file'
         )
     return numbers.to_numpy(dtype=float, na_value=np.nan)
 

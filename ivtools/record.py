@@ -17,6 +17,7 @@ from ivtools.clock import regular
 from ivtools.columns import SIGNALS, column_name, match_columns, pick_further, stack
 from ivtools.errors import IVToolsError, RecordError, RecordWarning, ShapeError, shown
 from ivtools.record_format import RecordFormat, as_format
+from ivtools.untidy import continuous, usable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -271,6 +272,9 @@ class Record:
         """
         layout, columns_ = as_format(columns), {str(k): x for k, x in table.items()}
         found = match_columns(columns_, layout.columns, layout.units, timed=layout.rate is None)
+        if layout.rows == "usable":
+            columns_, told = _samples(columns_, found)
+            notes = (*notes, *told)
         signals: dict[str, Any] = _in_si(columns_, found, layout)
         further = pick_further(columns_, found, len(np.ravel(signals.get("t", signals["q"]))))
         if not layout.plain:
@@ -356,7 +360,26 @@ def _in_si(
         factors = np.array([layout.factor(key) for key in keys])
         changed = bool((factors != 1.0).any())
         signals[signal] = _frozen_array(signal, values) * factors if changed else values
+    if layout.unwrap:
+        q, q_ref = (_frozen_array(n, signals[n]) if n in signals else None for n in ("q", "q_ref"))
+        assert q is not None  # no record without a position
+        q, q_ref = continuous(q, q_ref)
+        signals |= {"q": q} if q_ref is None else {"q": q, "q_ref": q_ref}
     return signals
+
+
+def _samples(
+    table: dict[str, ArrayLike], found: Mapping[str, list[str]]
+) -> tuple[dict[str, ArrayLike], tuple[str, ...]]:
+    """Return the rows of a table that are samples, and what was left out."""
+    own = {name: np.asarray(table[name]) for names in found.values() for name in names}
+    if len({x.shape for x in own.values()}) > 1:  # which the record itself says better
+        return table, ()
+    keep, told = usable(own, found["t"][0] if "t" in found else None)
+    if keep.all():
+        return table, ()
+    kept = {k: np.asarray(x)[keep] if np.shape(x) == keep.shape else x for k, x in table.items()}
+    return kept, (f"left out: {', '.join(told)}",)
 
 
 def _on_a_clock(

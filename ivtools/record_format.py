@@ -11,10 +11,12 @@ from ivtools.columns import SIGNALS, UNITS
 from ivtools.errors import RecordError
 from ivtools.units import parse
 
-__all__ = ["GAPS", "RecordFormat"]
+__all__ = ["GAPS", "ROWS", "RecordFormat"]
 
 #: What to do where samples are missing.
 GAPS = ("refuse", "longest", "all")
+#: What to do with rows that are no samples.
+ROWS = ("refuse", "usable")
 _FASTEST, _SLOWEST = 1e9, 1e-3  # Hz
 
 
@@ -42,6 +44,11 @@ class RecordFormat:
     gaps : str
         ``"refuse"`` a record with missing samples, use its ``"longest"`` stretch, or ``"all"`` that
         are long enough, as one record with breaks.
+    rows : str
+        ``"refuse"`` rows that are no samples, or take the ``"usable"`` ones: without those that are
+        said twice, that hold a cell that is no number, or that are all zeros at the end.
+    unwrap : bool
+        Whether the position is an angle that jumps by a turn, to be made continuous.
 
     Raises
     ------
@@ -64,6 +71,8 @@ class RecordFormat:
     rate: float | None = None
     resample: bool = False
     gaps: str = "refuse"
+    rows: str = "refuse"
+    unwrap: bool = False
 
     def __post_init__(self) -> None:
         for table in ("units", "rated", "counts_per_unit"):
@@ -83,13 +92,21 @@ class RecordFormat:
         if self.gaps not in GAPS:
             known = " or ".join(f'"{g}"' for g in GAPS)
             raise RecordError(f"[record] gaps = {self.gaps!r}; it is {known}")
+        if self.rows not in ROWS:
+            known = " or ".join(f'"{r}"' for r in ROWS)
+            raise RecordError(f"[record] rows = {self.rows!r}; it is {known}")
         for key in self.units:
             self.factor(key)
 
     @property
     def plain(self) -> bool:
         """Whether it changes nothing but names."""
-        return not self.units and self.rate is None and self.gaps == "refuse"
+        return not self.units and self.rate is None and self.gaps == "refuse" and self.tidy
+
+    @property
+    def tidy(self) -> bool:
+        """Whether it takes every row as a sample and every angle as it is."""
+        return self.rows == "refuse" and not self.unwrap
 
     @property
     def notes(self) -> tuple[str, ...]:

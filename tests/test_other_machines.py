@@ -172,14 +172,28 @@ def test_a_law_without_the_deflection_is_not_taken_for_a_fault_of_the_axis():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="the gap is in friction that no term has, and the motion is slow")
-def test_the_frequency_of_the_link_is_found():
-    """The owners' J11, J12 and Ks1 make 4.68 Hz between two free masses."""
+def test_the_frequency_and_the_mass_of_the_link_are_found():
+    """The owners' J11, J12 and Ks1 make 4.68 Hz between two free masses, 0.728 of it the link.
+
+    Creep of the friction closes as much of the gap by itself: the deflection in the law decides.
+    """
     stated = np.sqrt(39.957 * (1.0 / 0.06354 + 1.0 / 0.17043)) / (2.0 * np.pi)
     found = diagnosed("quanser-flexible-link")
-    assert found.effects == ("flexibility",)
-    hz = found.parameters["flexibility"]["frequency_hz"]
-    assert hz == pytest.approx(stated, rel=0.15)
+    assert found.effects[0] == "flexibility"
+    assert "polynomial-viscous" in found.ambiguous_with["flexibility"]
+    link = found.parameters["flexibility"]
+    assert link["frequency_hz"] == pytest.approx(stated, rel=0.15)
+    assert link["load_share"] == pytest.approx(0.17043 / (0.06354 + 0.17043), rel=0.10)
+    assert found.shrink.after < 0.65 * found.shrink.before
+
+
+def test_a_column_that_the_law_is_not_said_to_have_is_named():
+    record, loop = measured("quanser-flexible-link"), axes.quanser_flexible_link()
+    found = diagnose(record, replace(loop, controller=replace(loop.controller, feedback={})))
+    assert "another feedback: column deflection, times 42.93" in said(found)
+    values = found.parameters["controller-mismatch"]
+    assert values["feedback.deflection"] == pytest.approx(42.931, rel=1e-3)
+    assert "feedback.deflection 42.93," in said(found)  # a value, no per cent of what was not there
 
 
 # --- the double pendulum ------------------------------------------------------------------------
@@ -198,5 +212,6 @@ def test_the_law_of_each_joint_is_found(joint):
 @pytest.mark.parametrize("joint", ["dfki-shoulder", "dfki-elbow"])
 def test_the_other_joint_is_a_force_from_outside(joint):
     """The axis is not told to hold an effect that another joint's motion makes."""
-    assert diagnosed(joint).verdict in ("unexplained", "partial", "non-repeatable")
-    assert not diagnosed(joint).effects
+    found = diagnosed(joint)
+    assert (found.verdict, found.effects, found.block) == ("unexplained", (), "outside")
+    assert "a force from outside that the model does not know" in said(found)

@@ -33,6 +33,7 @@ from .rules import (
     SUPERFLUOUS,
     SUREST,
     TIE,
+    TWIN,
     UNNAMED,
     WEIGHTS,
     WORTH_A_FIT,
@@ -171,12 +172,17 @@ class Round:
         Per fold, what each block says against each effect that was screened.
     qualified : tuple of Trial
         What reaches its threshold; the largest gain gets the name.
+    measured : str
+        The effect that a further sensor in the law speaks for: it gets the name where its gain is
+        within this `margin` of the largest.
     """
 
     gains: dict[str, float]
     trials: tuple[Trial, ...]
     scores: tuple[Array, ...] = ()
     qualified: tuple[Trial, ...] = ()
+    measured: str = ""
+    margin: float = 0.0
 
     @cached_property
     def best(self) -> Trial | None:
@@ -184,6 +190,9 @@ class Round:
         best = max(self.qualified, key=lambda t: t.gain, default=None)
         if best is None:
             return None
+        seen = next((t for t in self.qualified if t.name == self.measured), None)
+        if seen is not None and seen.gain >= (1.0 - self.margin) * best.gain:
+            return seen
         gain, t_value = TIE
         near = [t for t in self.qualified if t.gain >= (1.0 - gain) * best.gain]
         equal = {t.name: t for t in near if t is best or best.advantage(t) < t_value}
@@ -194,8 +203,10 @@ class Round:
 
         One rival stays in doubt longer than several: the form of a law is never quite that of the
         axis, which moves a single pair of curves apart that are the same in kind; of several at
-        once the better form is the likelier one. Where a gap is left in the end, whatever makes
-        it may decide between a pair: the margin is wider, and a t value decides nothing.
+        once the better form is the likelier one, unless they change the error in all but the same
+        way, as a spring and gravity do over a short stroke. Where a gap is left in the end,
+        whatever makes it may decide between a pair: the margin is wider, and a t value decides
+        nothing.
 
         Parameters
         ----------
@@ -213,7 +224,10 @@ class Round:
         if clean:
             rivals = [t for t in rivals if best.advantage(t) < rules.distinguishable]
         if len(rivals) > 1:
-            rivals = [t for t in rivals if best.advantage(t) < rules.distinguishable_several]
+            several = rules.distinguishable_several
+            rivals = [
+                t for t in rivals if best.correlation(t) > TWIN or best.advantage(t) < several
+            ]
         return tuple(rivals)
 
     def similar(self, least: float) -> set[str]:
@@ -250,14 +264,15 @@ def play(
     fits, held = (last.fits, last.held) if last else (base, base)
     found = _screened(sides, fits, terms)
     removed = {t.name: t.removed for r in rounds for t in r.trials}
-    trials = tuple(_tried(sides, fits, held, found, rules, removed))
+    seen = "flexibility" if all(s.scales.second_body for s in sides) else ""
+    trials = tuple(_tried(sides, fits, held, found, rules, removed, seen))
     similar = set().union(*(r.similar(rules.similar) for r in rounds))
     least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
     qualified = (
         t for t in trials if t.passes(rules) and (t.name not in similar or t.removed > least)
     )
     scores = tuple(np.array([s.scores for s in f.values()]) for f in found)
-    return Round(_gains(found), trials, scores, tuple(qualified))
+    return Round(_gains(found), trials, scores, tuple(qualified), seen, rules.equivalence_open)
 
 
 def cost(fits: Sequence[Fit]) -> float:
@@ -287,6 +302,7 @@ def _tried(
     found: tuple[dict[str, Score], ...],
     rules: Rules,
     removed: dict[str, float],
+    seen: str = "",
 ) -> list[Trial]:
     """Fit the best of the screening.
 
@@ -299,6 +315,7 @@ def _tried(
     valleys = {n for n in gains if found[0][n].term.search == "valleys"}
     least = WORTH_A_FIT * rules.steady.gain
     chosen = [n for n in list(gains)[: rules.refit] if gains[n] > least]
+    chosen += [n for n in gains if n == seen and n not in chosen]
     tried: list[Trial] = []
 
     def fit(names: list[str]) -> float:

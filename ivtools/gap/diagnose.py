@@ -312,6 +312,8 @@ def _answer(
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
     changed = verdict.changes(result, task.tolerance) if repeats < REPEATS else {}
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
+    outside = word == "unexplained" and after > DESCRIBED and left is None
+    found = [*found, verdict.outside()] if outside else found
     return Diagnosis(
         verdict=word,
         effects=effects,
@@ -322,6 +324,7 @@ def _answer(
             any(p.delay != loop.controller.delay for p in checked),
             any(m.floor.isolated for m in measured),
             word != "adequate",
+            outside,
         ),
         regions=locate.regions(fold.record, fold.keep, traces.before, traces.after),
         shrink=shrink,

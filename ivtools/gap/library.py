@@ -14,6 +14,7 @@ from scipy.stats import qmc
 from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from ..record import Record
+from .rules import BEHIND, SAME_SIGNAL
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,17 @@ class Scales:
         q, dt = self.record.q_ref[:, 0], self.record.dt
         dq = np.gradient(q, dt)
         return q, dq, np.gradient(dq, dt), self.loop.force(self.record)[:, 0]
+
+    @cached_property
+    def second_body(self) -> bool:
+        """Whether the law sees a second body: a deflection, a strain, an encoder on the load.
+
+        A column that goes with the command, as a measured current does, is of the drive.
+        """
+        command, seen = self.loop.command(self.record)[:, 0], self.loop.controller.feedback
+        columns = [self.record.extra[name] for name in seen if name in self.record.extra]
+        moving = [c for c in columns if np.ptp(c) > 0.0]
+        return any(abs(np.corrcoef(c, command)[0, 1]) < SAME_SIGNAL for c in moving)
 
     @cached_property
     def sizes(self) -> dict[str, float]:
@@ -149,6 +161,9 @@ def alternatives(term: Term, scales: Scales) -> list[dict[str, float]]:
 
 
 def _grids(term: Term, scales: Scales) -> dict[str, list[float]]:
+    slow = BEHIND if term.name == "flexibility" and scales.second_body else {}
     return {
-        p.name: [x * scales.sizes[p.scale] for x in p.scan] for p in term.parameters if not p.linear
+        p.name: [x * scales.sizes[p.scale] for x in slow.get(p.name, p.scan)]
+        for p in term.parameters
+        if not p.linear
     }

@@ -107,7 +107,9 @@ def _bands(record: Record, keep: Mask, before: Array, after: Array) -> list[Regi
     return found
 
 
-def block(effects: tuple[str, ...], controller: bool, events: bool, gap: bool) -> str | None:
+def block(
+    effects: tuple[str, ...], controller: bool, events: bool, gap: bool, outside: bool = False
+) -> str | None:
     """Return the block of the loop that the answer points to; None if there is no gap."""
     known = [TERMS[e].block for e in effects if e in TERMS]
     if known:
@@ -116,6 +118,6 @@ def block(effects: tuple[str, ...], controller: bool, events: bool, gap: bool) -
         return "mechanics"
     if controller:
         return "controller"
-    if events:
+    if events or outside:
         return "outside"
     return "mechanics" if gap else None

@@ -455,10 +455,11 @@ def explain_command(parity: Parity) -> str:
         best = sorted(parity.read.kinds.items(), key=lambda kind: -kind[1])
         listed = ", ".join(f"{kind} {r2:.2f}" for kind, r2 in best)
         tried = f"; no kind of law explains it either, R2: {listed}{_remains(parity)}"
+    left = 100.0 * parity.after
     return (
-        f"the control law reproduces the recorded command only to {100 * parity.after:.0f} %; "
-        "check kind, gains and velocity_filter in [controller], and that q, q_ref and nu belong "
-        f"together{tried}"
+        f"the control law does not give the recorded command: it differs by {left:.0f} % of it; "
+        "check kind, gains and velocity_filter in [controller], that q, q_ref and nu belong "
+        f"together, and whether every signal that the controller uses is in the log{tried}"
     )
 
 

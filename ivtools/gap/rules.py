@@ -125,6 +125,14 @@ COMMON = 0.3
 #: Numbers of stretches into which a record that judges itself may be cut (training).
 STRETCHES = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 
+# --- library: where a search begins ------------------------------------------------------------
+
+#: Correlation with the command from which a further column of the law is no other body (judgement).
+SAME_SIGNAL = 0.9
+#: Where the search for a second body begins that the law sees: whoever measures it has one that
+#: swings slowly and is heavy (physics: links and booms).
+BEHIND = {"frequency_hz": (2.5, 8.0, 25.0, 65.0), "load_share": (0.1, 0.35, 0.7)}
+
 # --- response, spatial lines and floor --------------------------------------------------------
 
 #: Seconds of impulse response of the command to a force (training: ten time constants).
@@ -199,6 +207,8 @@ ADEQUATE = 1.12
 SHORT = 520
 #: Whitened energy at which named effects count as all there is, a little above (training).
 ADEQUATE_NAMED = 1.15
+#: Correlation of what two effects change from which they are one law to first orders (judgement).
+TWIN = 0.98
 #: Whitened energy over the floor at which nothing is left to decide between rivals (training).
 CLEAN = 1.05
 #: Whitened energy beyond which what is left in the end speaks against names (numerics: how well

@@ -152,6 +152,16 @@ def no_better(effects: Sequence[str], shrink: Shrink) -> Finding:
     return Finding(f"{text}: nothing is named", fatal=False)
 
 
+def outside() -> Finding:
+    """Return what to say of a gap that no law of the axis's own motion describes."""
+    return Finding(
+        "what is left follows neither position nor speed nor load of this axis: it looks like a "
+        "force from outside that the model does not know, as another joint's motion or a hand "
+        "makes; log it as load, or take the whole robot (--robot)",
+        fatal=False,
+    )
+
+
 def _moved(result: Attribution) -> bool:
     """Whether the base parameters moved between the records and that is the whole gap."""
     one, two = result.fits

@@ -9,6 +9,9 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..columns import UNITS, plain_name
 from ..errors import DataError, IVToolsError, IVToolsWarning, RecordError
 from ..loop import ClosedLoop
@@ -21,7 +24,9 @@ from ..record_format import RecordFormat
 from ..tables import Text, table
 from ..units import JOINTS, parse, quantity
 from .roles import Roles, assign
-from .scales import Scales, measure
+from .scales import Scales, measure, tidied
+
+Array = NDArray[np.float64]
 
 _TERMS = ("inertia", "viscous", "coulomb", "offset")
 _GOOD = 0.98  # R2 of a law that is taken for the controller's
@@ -148,9 +153,11 @@ def first_axis(
     path = Path(path)
     try:
         columns, _ = read_table(path, None)
+        columns, turns, broken = tidied(columns)
         roles = assign(columns)
         if said is None:
-            scales = measure(columns, roles, preamble(path))
+            scales = measure(columns, roles, preamble(path), turns)
+            scales.rows = "usable" if broken or _repeats(columns, roles) else "refuse"
         else:
             roles, scales = _stated(said, roles, joint, gain)
         _needed(roles, list(columns))
@@ -245,6 +252,14 @@ def _needed(roles: Roles, names: list[str]) -> None:
         raise DataError("the file holds no log of an axis")
 
 
+def _repeats(table: Mapping[str, Array], roles: Roles) -> bool:
+    """Whether rows are said twice, with the stamp of the row before."""
+    if "t" not in roles.columns:
+        return False
+    own = np.column_stack([table[column] for column in roles.columns.values()])
+    return bool((np.diff(own, axis=0) == 0.0).all(axis=1).any())
+
+
 def _format(roles: Roles, scales: Scales) -> RecordFormat:
     """Return the [record] table."""
     columns = {}
@@ -265,6 +280,8 @@ def _format(roles: Roles, scales: Scales) -> RecordFormat:
         counts_per_unit=scales.counts,
         rate=scales.rate,
         gaps="longest" if scales.gaps else "refuse",
+        rows=scales.rows,
+        unwrap=scales.unwrap,
     )
 
 
@@ -285,6 +302,8 @@ def _commented(line: str, loop: ClosedLoop) -> str:
         "counts_per_unit": f"per {length}",
         "rate": "Hz; stamps that jitter around it are replaced",
         "gaps": "samples are missing: the longest stretch without a gap is used",
+        "rows": "without rows said twice, spoilt, or of zeros at the end",
+        "unwrap": "the angle jumps by a turn: made continuous",
         "joint": '"prismatic" (m, N) or "revolute" (rad, N m)',
         "kind": "of controller; fitted from the log",
         "delay": "samples from the measured position to the command" if "." not in line else "s",

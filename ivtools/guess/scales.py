@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 
 from ..clock import Clock
 from ..units import parse
+from ..untidy import TURN, wraps
 from .roles import Roles
 from .words import known
 
 Array = NDArray[np.float64]
 
+#: Units of an angle that is wrapped, by its turn.
+TURNS = {TURN: "rad", 360.0: "deg", 1.0: "rev"}
+_SPOILT = 0.1  # share of the cells of a column that may be no numbers
 _RATES = (18.0, 30_000.0)  # Hz; what loggers of controlled axes do
 _SPEEDS = {
     "prismatic": ("m/s", "mm/s", "mm/min", "m/min", "cm/s", "um/s", "inch/s"),
@@ -43,6 +47,10 @@ class Scales:
         Nominal rate, Hz, where the stamps are not good enough.
     gaps : bool
         Whether samples are missing.
+    rows : str
+        As in `RecordFormat`.
+    unwrap : bool
+        Whether the position jumps by a turn.
     rated, counts : dict of str to float
     gain : float or None
         Drive gain, if the log says so much.
@@ -55,6 +63,8 @@ class Scales:
     joint: str = "prismatic"
     rate: float | None = None
     gaps: bool = False
+    rows: str = "refuse"
+    unwrap: bool = False
     rated: dict[str, float] = field(default_factory=dict)
     counts: dict[str, float] = field(default_factory=dict)
     gain: float | None = None
@@ -66,18 +76,50 @@ class Scales:
         self.units[signal], self.sure[signal] = unit, sure
 
 
-def measure(table: Mapping[str, Array], roles: Roles, preamble: Sequence[str]) -> Scales:
-    """Find the units of the signals of a log."""
+def measure(
+    table: Mapping[str, Array],
+    roles: Roles,
+    preamble: Sequence[str],
+    turns: Mapping[str, float] | None = None,
+) -> Scales:
+    """Find the units of the signals of a log, of which some columns were wrapped at a turn."""
     scales = Scales()
     for signal, column in roles.columns.items():
         unit = roles.said[column].unit
         if unit:
             scales.set(signal, unit, "stated")
+        elif column in (turns or {}) and signal in ("q", "q_ref"):
+            scales.set(signal, TURNS[turns[column]], "from the others")  # type: ignore[index]
+    scales.unwrap = any(roles.columns.get(s) in (turns or {}) for s in ("q", "q_ref"))
     step = _clock(scales, table, roles, preamble)
     _joint(scales, roles)
     _motion(scales, table, roles, step)
     _force(scales, roles, preamble)
     return scales
+
+
+def tidied(table: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, float], bool]:
+    """Return a table to guess from, the turns of angles that jump, and whether rows are left out.
+
+    Whole rows only, and angles made continuous.
+    """
+    columns = {
+        n: x for n, x in table.items() if x.ndim == 1 and np.isfinite(x).mean() > 1 - _SPOILT
+    }
+    if not columns or len({len(x) for x in columns.values()}) > 1:
+        return dict(table), {}, False
+    whole = np.column_stack(list(columns.values()))
+    keep = np.isfinite(whole).all(axis=1)
+    some = np.flatnonzero(keep & (whole != 0.0).any(axis=1))
+    last = int(some[-1]) + 1 if len(some) else len(keep)
+    keep[last if last < len(keep) - 1 else len(keep) :] = False
+    steps = np.diff(whole[keep], axis=0)
+    if len(steps) and ((steps >= 0.0).all(axis=0) & (steps > 0.0).any(axis=0)).any():  # a clock
+        keep[np.flatnonzero(keep)[1:]] = (steps != 0.0).any(axis=1)
+    turns = {n: turn for n, x in columns.items() if (turn := wraps(x[keep], tuple(TURNS)))}
+    kept = {n: np.unwrap(x[keep], period=turns[n]) if n in turns else x[keep]
+            for n, x in columns.items()}  # fmt: skip
+    return kept, turns, not keep.all()
 
 
 def _clock(
@@ -140,9 +182,9 @@ def _joint(scales: Scales, roles: Roles) -> None:
     turning = sum(k in ("rad", "rad/s", "N m") for k in kinds)
     sliding = sum(k in ("m", "m/s", "N") for k in kinds)
     text = " ".join(roles.columns.values()).lower()
-    scales.joint = "revolute" if turning > sliding else "prismatic"
+    scales.joint = "revolute" if turning > sliding or scales.unwrap else "prismatic"
     scales.sure["joint"] = "stated"
-    if turning == sliding:
+    if turning == sliding and not scales.unwrap:
         scales.joint = "revolute" if any(word in text for word in _ANGLES) else "prismatic"
         scales.sure["joint"] = "a guess"
         scales.doubts.append(f"no unit says whether it turns or slides: {scales.joint} is taken")

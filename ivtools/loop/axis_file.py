@@ -156,12 +156,13 @@ def record_format(table: Mapping[str, Any], joints: Sequence[str]) -> RecordForm
     }
     rest = {k: v for k, v in table.items() if k in ("torque_constant", "rate")}
     numbers = {k: number("record", k, v) for k, v in rest.items()}
-    resample = table.get("resample", False)
-    if not isinstance(resample, bool):
-        raise AxisError(f"[record] resample = {resample!r}; it is true or false")
-    gaps = _text("record", "gaps", table.get("gaps", "refuse"))
+    told: dict[str, Any] = {k: _text("record", k, table.get(k, "refuse")) for k in ("gaps", "rows")}
+    for key in ("resample", "unwrap"):
+        told[key] = table.get(key, False)
+        if not isinstance(told[key], bool):
+            raise AxisError(f"[record] {key} = {told[key]!r}; it is true or false")
     try:
-        log = RecordFormat(columns, units, **scales, **numbers, resample=resample, gaps=gaps)  # type: ignore[arg-type]
+        log = RecordFormat(columns, units, **scales, **numbers, **told)  # type: ignore[arg-type]
     except IVToolsError as error:
         raise AxisError(str(error)) from error
     _check_joints(log, joints)

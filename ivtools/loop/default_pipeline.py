@@ -122,6 +122,9 @@ def velocity_noise(pipeline: Pipeline, record: Record, motion: Motion) -> float:
     return 2.0 * pi * cutoff * white * sqrt(2.0 / 3.0 * cutoff * record.dt)
 
 
+_LEAST = 16  # samples that say anything of noise
+
+
 def position_noise(pipeline: Pipeline, record: Record, motion: Motion) -> float:
     """Return the deviation of the position's white noise, from what the band-pass removes.
 
@@ -131,6 +134,8 @@ def position_noise(pipeline: Pipeline, record: Record, motion: Motion) -> float:
     if cutoff is None:
         return 0.0
     removed = (record.q - motion.q)[pipeline.trim[0] :, 0]
+    if len(removed) < _LEAST:
+        return 0.0
     power = np.abs(np.fft.rfft(removed * np.hanning(len(removed)))) ** 2
     power /= np.sum(np.hanning(len(removed)) ** 2)
     hz = np.fft.rfftfreq(len(removed), dt)
