@@ -27,7 +27,7 @@ ORDER = [
         "units",
     ),
     ("csv_layout", "resume", "workers"),
-    ("columns", "clock", "compiled", "xml_file"),
+    ("columns", "clock", "compiled", "untidy", "xml_file"),
     ("record_format",),
     ("checks", "display", "readers"),
     ("record", "linalg", "pipeline"),

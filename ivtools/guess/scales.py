@@ -109,7 +109,7 @@ def tidied(table: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, floa
     if not columns or len({len(x) for x in columns.values()}) > 1:
         return dict(table), {}, False
     whole = np.column_stack(list(columns.values()))
-    keep = np.isfinite(whole).all(axis=1)
+    keep = np.asarray(np.isfinite(whole).all(axis=1))
     some = np.flatnonzero(keep & (whole != 0.0).any(axis=1))
     last = int(some[-1]) + 1 if len(some) else len(keep)
     keep[last if last < len(keep) - 1 else len(keep) :] = False
