@@ -174,6 +174,7 @@ def _state_space(s: Settings, dt: float, taps: Array) -> LinearLaw:
 # --- from the coefficients of a regression ------------------------------------------------------
 
 _SNAP = 0.02  # a weight of the velocity reference nearer to 0 or 1 is meant to be that
+_SAMPLED = 0.1  # of a weight of 1 that sampling may make
 
 
 def _weight(found: Mapping[str, float]) -> dict[str, float]:
@@ -211,19 +212,25 @@ def _to_pid(found: Mapping[str, float]) -> list[dict[str, float]]:
 def _to_p_pi(found: Mapping[str, float]) -> list[dict[str, float]]:
     """Solve the gains on q, kv (kp + ki), q_ref, kv (kp + c ki), and the integral, kv kp ki.
 
-    Where c is 1 the law is the same with kp and ki in each other's place, but for the sampling.
+    Where c is 1 the law is the same with kp and ki in each other's place, but for the sampling. The
+    sampled integral of a velocity reference is half a sample ahead of the position's, which is a
+    weight c = 1 + ki dt / 2 in such a regression: near 1 it may be none.
     """
     kv, c = found["dq"], _weight(found)
     outer = found["e"] / kv
+    weighted: list[dict[str, float]] = []
     if abs(1.0 - c.get("c", 1.0)) > _SNAP:
         ki = found["-q"] / (kv * (1.0 - c["c"])) if "-q" in found else 0.0
-        return [{"kp": outer - c["c"] * ki, "kv": kv, "ki": ki} | c]
+        weighted = [{"kp": outer - c["c"] * ki, "kv": kv, "ki": ki} | c]
+        if abs(1.0 - c["c"]) > _SAMPLED:
+            return weighted
     inner = outer**2 - 4.0 * found["int e"] / kv
     if inner < -_SNAP * outer**2:
-        return []
+        return weighted
     root = np.sqrt(max(inner, 0.0))
-    low, high = float(outer - root) / 2.0, float(outer + root) / 2.0
-    return [{"kp": kp, "kv": kv, "ki": outer - kp} | c for kp in (low, high)]
+    gains = (float(outer - root) / 2.0, float(outer + root) / 2.0)
+    plain = {} if weighted else c
+    return [*weighted, *({"kp": kp, "kv": kv, "ki": outer - kp} | plain for kp in gains)]
 
 
 _INTEGRAL = (

@@ -20,7 +20,7 @@ WORTH = 0.8  # one setting more must leave at most this much of the residual
 _SLIPS, _SLIP = (1e-3, 1e-6, pi / 180.0), 0.01  # mm, um or degrees for m or rad, so exactly
 _SLACK = 0.05  # below 0 and above 1 of the weight of a reference
 _MOST = 4  # feed-forwards and columns beside one law
-_LEAST = 2e-3  # share of the command that a feed-forward must be
+LEAST = 2e-3  # share of the command that a feed-forward must be
 _SAME = 1e-7  # share of a column outside of the others that is none
 
 
@@ -193,7 +193,7 @@ class Regressions:
         if name in ("acceleration", "coulomb") and self.data.sign * form.coefficients[name] < 0.0:
             return False
         size = self.size[self.names.index(name)] * abs(form.coefficients[name])
-        return bool(size > _LEAST * self.power[form.delay] ** 0.5)
+        return bool(size > LEAST * self.power[form.delay] ** 0.5)
 
     def _new(self, form: Form, name: str) -> bool:
         """Whether a column is not a sum of those of the form."""

@@ -12,7 +12,7 @@ from ...record import Record
 from ..controllers import Controller
 from ..controllers.filters import LoopFilter
 from .data import Data
-from .forms import Form, Regressions, plausible, price
+from .forms import LEAST, Form, Regressions, plausible, price
 from .instruments import refined
 from .polish import Fitted, polished, values
 from .report import ControllerFit, Tried, fit_of, std_errors
@@ -118,7 +118,14 @@ def _fitted(loop: ClosedLoop, data: Data, forms: list[Form]) -> list[Fitted]:
         found += [polished(data, c) for c in controllers]
     seconds = data.record.n_samples * data.record.dt
     good = (f for f in found if plausible(f.controller.settings, data.sign))
-    return [f for f in good if _integrates(f.controller, seconds)]
+    return [f for f in good if _integrates(f.controller, seconds) and _felt(f.controller, data)]
+
+
+def _felt(controller: Controller, data: Data) -> bool:
+    """Whether what is fed forward is still worth a setting once the law is polished."""
+    size = LEAST * float(np.sqrt(np.mean(data.command**2)))
+    fed = ((data.further.get(name), gain) for name, gain in controller.feedforward.items())
+    return all(x is None or abs(g) * float(np.sqrt(np.mean(x**2))) > size for x, g in fed)
 
 
 def _integrates(controller: Controller, seconds: float) -> bool:
