@@ -161,8 +161,8 @@ def plain_name(name: str) -> tuple[str, str]:
     """Split ``q [m]`` or ``q (m)`` into ``q`` and ``m``; the unit may be empty."""
     plain = name.strip()
     opening = max(plain.rfind("["), plain.rfind("("))
-    if opening < 0 or plain[-1] not in ")]":
-        return plain, ""
+    if opening < 0 or plain[-1] not in ")]" or plain[opening + 1 : -1].strip().isdigit():
+        return plain, ""  # DV[3] is the third of several
     return plain[:opening].strip(), plain[opening + 1 : -1].strip()
 
 

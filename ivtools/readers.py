@@ -35,6 +35,7 @@ __all__ = ["SUFFIXES", "frame_table", "preamble", "read_table"]
 EMPS = {"q": "qm", "q_ref": "qg", "nu": "vir", "added": "pulses_N"}
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log")
 _PIECE = 1_000_000  # numbers read at a time
+_TIMES = ("s", "ms", "us", "µs", "ns", "min", "h")
 _SPARE = 1_000_000  # lines and bytes that a file may have beside its numbers
 _PER_NUMBER = 100  # bytes of text, on average
 _MOSTLY = 0.9  # of the cells of a column of numbers that are one
@@ -143,10 +144,10 @@ def _joined(
             wanted = _wanted(names, layout)
         for i in list(kept):
             column = piece.iloc[:, i]
+            spoilt = layout is None or layout.rows == "usable"
             if i in clocks:
-                kept[i].append(clocks[i].seconds(names[i], column))
+                kept[i].append(clocks[i].seconds(names[i], column, spoilt))
             elif names[i] in wanted:
-                spoilt = layout is not None and layout.rows == "usable"
                 kept[i].append(_numbers(names[i], column, n, spoilt))
             elif column.dtype.kind in "biuf":
                 kept[i].append(column.to_numpy(dtype=float))
@@ -169,7 +170,7 @@ def _joined(
 def _in_seconds(name: str) -> str:
     """Return the name of a column that was read as times of the day, whatever its header says."""
     plain, unit = plain_name(name)
-    return f"{plain} [s]" if unit else name
+    return f"{plain if unit in _TIMES else name.strip()} [s]"
 
 
 class _Stamps:
@@ -188,10 +189,15 @@ class _Stamps:
         first = column.iloc[0] if len(column) else None
         return isinstance(first, str) and len(first) < 60 and bool(cls._CLOCK.search(first))
 
-    def seconds(self, name: str, column: pd.Series) -> NDArray[np.float64]:
-        """Return the next rows, s; behind midnight a day more."""
+    def seconds(self, name: str, column: pd.Series, spoilt: bool) -> NDArray[np.float64]:
+        """Return the next rows, s; behind midnight a day more; NaN where rows may be spoilt."""
         parts = column.astype(str).str.extract(self._CLOCK)
-        if parts.isna().to_numpy().any():
+        told = parts.notna().all(axis=1).to_numpy()
+        if spoilt and told.any() and not told.all():
+            t = np.full(len(told), np.nan)
+            t[told] = self.seconds(name, column[told], spoilt)
+            return t
+        if not told.all():
             row = int(np.argmax(parts.isna().any(axis=1).to_numpy()))
             raise RecordError(
                 f"{shown(name)} holds {shown(str(column.iloc[row]))!r}, which is no time as the "

@@ -29,6 +29,8 @@ from .scales import Scales, measure, tidied
 Array = NDArray[np.float64]
 
 _TERMS = ("inertia", "viscous", "coulomb", "offset")
+_SURE = 0.9999  # R2 of a law that leaves no doubt which column is the reference
+_OPPOSITE = "the command has the opposite sign of the motion: [drive] gain is negative"
 _GOOD = 0.98  # R2 of a law that is taken for the controller's
 _MEANS = {
     "t": "time", "q": "position", "q_ref": "position reference", "dq": "velocity",
@@ -69,6 +71,11 @@ class FirstAxis:
     def r2(self) -> float:
         """Share of the command's power that the law explains; 0 without a law."""
         return 0.0 if self.fit is None else self.fit.r2
+
+    @property
+    def pushes(self) -> bool:
+        """Whether a law and an inertia were found that are of the sign of the command."""
+        return self.fit is not None and self.params.get("inertia", -1.0) > 0.0
 
     def summary(self) -> Text:
         """Return what was found and how sure it is."""
@@ -166,7 +173,12 @@ def first_axis(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IVToolsWarning)
         found = _looked(path, said or _format(roles, scales), roles, scales)
-        if found.r2 < _GOOD:  # what leads by its shape alone may be what is led
+        if not found.pushes:  # the command may count the other way
+            other = replace(scales, gain=-(scales.gain or 1.0), doubts=[*scales.doubts, _OPPOSITE])
+            turned = _looked(path, _format(roles, scales), roles, other) if said is None else found
+            scales = other if turned.pushes and turned.r2 >= found.r2 else scales
+            found = turned if scales is other else found
+        if found.r2 < _SURE:  # what leads by its shape alone may be what is led
             pairs = [p for k in range(len(roles.led)) for p in combinations(roles.led, k + 1)]
             swapped = [roles.swapped(p) for p in pairs]
             others = [_looked(path, _format(other, scales), other, scales) for other in swapped]

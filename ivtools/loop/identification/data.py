@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from ...checks import MIN_SAMPLES
 from ...errors import RecordError
 from ...record import Record
 from ..controllers.filters import LoopFilter
@@ -27,6 +28,7 @@ _CLIPPED = 5  # so many samples at the very largest command are a limit
 _BIAS = 0.005  # noise of the low-passed velocity, of its rms
 _SLOWEST = 4.0  # cut-off of the low-pass at least, in median frequencies of the motion
 _FASTEST = 0.125  # and at most, of the sampling rate
+_STRETCH = 20 * HEAD  # samples between clipped ones from which a law can start
 _FOLLOWS = 3  # samples by which an effect of the command may come behind it
 
 
@@ -152,6 +154,22 @@ class Data:
         return replace(
             self, record=self.record.slice(at, at + n), command=self.command[at : at + n]
         )
+
+    @property
+    def unclipped(self) -> Data | None:
+        """The longest stretch below the limit, if the command was clipped and it is long enough.
+
+        How an integral stood while the command was clipped only its law tells; a regression needs
+        a stretch in which it ran.
+        """
+        edges = np.flatnonzero(np.diff(np.concatenate([[1.0], np.abs(self.side), [1.0]])))
+        if len(edges) < 4 or len(edges) % 2:
+            return None
+        start, stop = max(edges.reshape(-1, 2).tolist(), key=lambda pair: pair[1] - pair[0])
+        if stop - start < max(_STRETCH, MIN_SAMPLES):
+            return None
+        part = self.record.slice(start, stop)
+        return replace(self, record=part, command=self.command[start:stop])
 
     @cached_property
     def further(self) -> dict[str, Array]:

@@ -74,6 +74,11 @@ def _best(loop: ClosedLoop, data: Data) -> tuple[Fitted | None, list[Tried]]:
     forms = list(regressions.forms())
     tried = [Tried(f.kind, len(f.taps), f.delay, f.left) for f in forms]
     fitted = _fitted(loop, data, [*forms, *_grown(regressions, forms)])
+    part = data.unclipped
+    if part is not None:
+        own = Regressions(part)
+        begun = list(own.forms())
+        fitted += _fitted(loop, data, [*begun, *_grown(own, begun)])
     if not fitted:
         return None, tried
     rows, follows = len(data.rows), data.record.q_ref is not None
