@@ -16,9 +16,10 @@ import pickle
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryFile
+from threading import RLock
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -35,6 +36,8 @@ from numba.extending import intrinsic
 
 from ivtools.errors import IVToolsWarning
 from ivtools.files import replacing
+
+_COMPILING = RLock()
 
 
 class Inner(CPUDispatcher):
@@ -103,17 +106,21 @@ class Kernel:
         self.dispatcher = njit(nogil=True, error_model="numpy")(function)
         self.dispatcher._cache = Store(self.dispatcher)
         self._signature = signature
+        self._ready: Dispatcher | None = None
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the function."""
-        return self._ready(*arguments)
+        ready = self._ready
+        return (self._prepared() if ready is None else ready)(*arguments)
 
-    @cached_property
-    def _ready(self) -> Dispatcher:
-        for signature in self._signature:
-            self.dispatcher.compile(signature)
-        self.dispatcher.disable_compile(bool(self._signature))
-        return self.dispatcher
+    def _prepared(self) -> Dispatcher:
+        with _COMPILING:  # the first calls may come from several threads at once
+            if self._ready is None:
+                for signature in self._signature:
+                    self.dispatcher.compile(signature)
+                self.dispatcher.disable_compile(bool(self._signature))
+                self._ready = self.dispatcher
+            return self._ready
 
 
 class Store(NullCache):

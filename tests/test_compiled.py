@@ -6,6 +6,7 @@ import sys
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import pytest
 
@@ -126,6 +127,25 @@ def test_processes_that_start_cold_at_once_agree(project):
     assert {value for value, _ in found} == {7.0}
     assert len(list((project / "cache" / "ivtools").iterdir())) == 1
     assert call(project) == (7.0, True)
+
+
+def shifted(by):
+    return cached("float64(float64)")(lambda x: x + by)
+
+
+def test_threads_that_call_a_cold_function_at_once_agree(tmp_path, monkeypatch):
+    """Each finds it compiled: the one that comes second neither compiles it nor is refused."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    for k in range(5):
+        kernel = shifted(float(k))
+        gate = Barrier(4)
+
+        def call(x, kernel=kernel, gate=gate):
+            gate.wait()
+            return kernel(x)
+
+        with ThreadPoolExecutor(4) as pool:
+            assert list(pool.map(call, [1.0] * 4)) == [1.0 + k] * 4
 
 
 def test_the_kernel_rests_on_every_law():
