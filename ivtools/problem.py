@@ -22,6 +22,7 @@ from .record import Record
 
 Array = NDArray[np.float64]
 
+_LONG = 2_000_000  # samples, whose columns are filtered term by term
 ABSURD = 3.0  # ratio of inertias: a force that the model lacks decides
 PULL = 0.12  # natural frequency of the observer, in that of the loop
 _SLOW = 0.0012  # of the sampling rate, for a loop without a mode of its own
@@ -170,7 +171,12 @@ class Problem:
             known = self.load + loop.held_force(motion, force, t)
             columns = beside(loop.regressor(motion, force, t), force - known)
             return self.pipeline.rows(columns, self._speed)
-        rows = self.pipeline.rows(self.loop.regressor(motion, force, t), self._speed)
+        if len(t) > _LONG:
+            blocks = self.loop.blocks(motion, force, t)
+            rows = np.hstack([self.pipeline.rows(block, self._speed) for block in blocks])
+            rows = np.asfortranarray(rows)  # as below, so that results are the same
+        else:
+            rows = self.pipeline.rows(self.loop.regressor(motion, force, t), self._speed)
         return beside(rows, self.pipeline.rows(force - self.load, self._speed))
 
     # --- simulated -----------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -113,15 +113,19 @@ class Model:
         tau, t : array_like, optional
             Drive force and time, for terms that depend on them.
         """
-        q, dq, ddq = (np.ravel(a) for a in motion)
-        out = np.empty((len(q), len(self.names)), order="F")  # columns are filtered one by one
+        out = np.empty((len(motion.q), len(self.names)), order="F")  # filtered column by column
         first = 0
+        for block in self.blocks(motion, tau, t):
+            last = first + block.shape[1]
+            out[:, first:last], first = block, last
+        return out
+
+    def blocks(self, motion: Motion, tau: ArrayLike = 0.0, t: ArrayLike = 0.0) -> Iterator[Array]:
+        """Yield the observation matrix term by term, for records too long for all of it."""
+        q, dq, ddq = (np.ravel(a) for a in motion)
         for term in self.terms:
             if term.law is not None:
-                block = term.columns(q, dq, ddq, np.ravel(tau), np.ravel(t), self.start)
-                last = first + block.shape[1]
-                out[:, first:last], first = block, last
-        return out
+                yield term.columns(q, dq, ddq, np.ravel(tau), np.ravel(t), self.start)
 
     @property
     def substeps(self) -> int:

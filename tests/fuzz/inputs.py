@@ -110,7 +110,7 @@ def records(rng: Generator, folder: Path) -> Commands:
     """A pathological but readable record, through every verb."""
     import pandas as pd
 
-    samples = int(rng.choice([300, 1000, 3000]))
+    samples = int(rng.choice([300, 600, 1000, 3000], p=[0.3, 0.4, 0.2, 0.1]))
     file = folder / "record.parquet"
     pd.DataFrame(damaged_signals(_record(samples), rng)).to_parquet(file)
     base = [str(file), "--axis", "emps", "--json", str(folder / "out.json")]
