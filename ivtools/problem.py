@@ -22,7 +22,7 @@ from .record import Record
 
 Array = NDArray[np.float64]
 
-_LONG = 2_000_000  # samples, whose columns are filtered term by term
+_LONG = 2_000_000  # samples, from which on memory counts more than time
 ABSURD = 3.0  # ratio of inertias: a force that the model lacks decides
 PULL = 0.12  # natural frequency of the observer, in that of the loop
 _SLOW = 0.0012  # of the sampling rate, for a loop without a mode of its own
@@ -133,7 +133,10 @@ class Problem:
 
     @cached_property
     def _rows(self) -> Array:
-        return self._through(self.motion, self.force)
+        if self.record.n_samples <= _LONG:
+            return self._through(self.motion, self.force)
+        motion = self.pipeline.differentiate(self.record.q, self.record.dt)  # and not kept
+        return self._through(motion, self.pipeline.align(self.loop.force(self.record)))
 
     @property
     def X(self) -> Array:
@@ -162,22 +165,31 @@ class Problem:
     def _speed(self) -> Array | None:
         return self.motion.dq if self.pipeline.min_speed > 0.0 else None
 
+    @property
+    def _from_zero(self) -> Array:
+        """Time from the first sample, s; the record's own where that is 0, to save a copy."""
+        t = self.record.t
+        return t - t[0] if t[0] != 0.0 else t
+
     def _through(self, motion: Motion, force: Array) -> Array:
         """Return the rows (regressor, force less load) of a trajectory, measured or simulated."""
-        t = self.record.t
-        t = t - t[0] if t[0] != 0.0 else t  # a long record has no room for copies
+        t = self._from_zero
         if isinstance(self.pipeline, Pipelines):
             loop: Any = self.loop
             known = self.load + loop.held_force(motion, force, t)
             columns = beside(loop.regressor(motion, force, t), force - known)
             return self.pipeline.rows(columns, self._speed)
-        if len(t) > _LONG:
-            blocks = self.loop.blocks(motion, force, t)
-            rows = np.hstack([self.pipeline.rows(block, self._speed) for block in blocks])
-            rows = np.asfortranarray(rows)  # as below, so that results are the same
-        else:
-            rows = self.pipeline.rows(self.loop.regressor(motion, force, t), self._speed)
+        rows = self._regressor_rows(motion, force, t)
         return beside(rows, self.pipeline.rows(force - self.load, self._speed))
+
+    def _regressor_rows(self, motion: Motion, force: Array, t: Array) -> Array:
+        """Return the rows of the regressor; those of a long record term by term, to save memory."""
+        if len(t) <= _LONG or isinstance(self.pipeline, Pipelines):
+            return self.pipeline.rows(self.loop.regressor(motion, force, t), self._speed)
+        loop: Any = self.loop
+        blocks = loop.blocks(motion, force, t)
+        rows = np.hstack([self.pipeline.rows(block, self._speed) for block in blocks])
+        return np.asfortranarray(rows)  # as all at once, so that results are the same
 
     # --- simulated -----------------------------------------------------------------------------
 
@@ -301,7 +313,10 @@ class Problem:
     ) -> tuple[Motion, Array]:
         """Return motion and aligned force of the simulated loop, (n_samples, 1) each."""
         simulation, motion = self._trajectory(theta, filtered, scale_gain)
-        return motion, self.pipeline.align(simulation.tau)
+        force = self.pipeline.align(simulation.tau)
+        if len(force) > _LONG:
+            force = force.copy()  # a view would keep all signals of the simulation
+        return motion, force
 
     def _trajectory(
         self, theta: Theta | None, filtered: bool, scale_gain: bool
@@ -329,8 +344,7 @@ class Problem:
         The same as `simulated_rows` without its force, which saves a fifth of the time.
         """
         motion, force = self._simulated(theta, filtered, scale_gain)
-        columns = self.loop.regressor(motion, force, self.record.t - self.record.t[0])
-        return self.pipeline.rows(columns, self._speed)
+        return self._regressor_rows(motion, force, self._from_zero)
 
     @cached_property
     def start(self) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from contextlib import suppress
 from pathlib import Path
 
 from ivtools.errors import AxisError
@@ -10,6 +11,9 @@ from ivtools.errors import AxisError
 LARGEST = 32 << 20  # bytes
 DEEPEST = 64
 MOST = 200_000  # elements
+MOST_MADE = 20_000  # elements of a MuJoCo model, with those that counts make
+MOST_CELLS = 20_000_000  # of a height field or a texture
+_COUNTING = ("replicate", "composite", "flexcomp")
 
 
 class _Bounded(ET.TreeBuilder):
@@ -64,3 +68,37 @@ def parsed(path: Path, comments: bool = False) -> ET.Element:
         if isinstance(error, AxisError):
             raise
         raise AxisError(f"not XML: {error}") from error
+
+
+def check_counts(path: Path) -> None:
+    """Refuse a MuJoCo model, and what it includes, that a few counts make larger than a model is.
+
+    Raises
+    ------
+    AxisError
+        As `parsed`, and for counts beyond the bounds.
+    """
+    if _made(parsed(path), path.parent, {path.resolve()}) > MOST_MADE:
+        raise AxisError(f"its counts make more than {MOST_MADE} elements; take a smaller model")
+
+
+def _made(element: ET.Element, folder: Path, seen: set[Path]) -> float:
+    """Return how many elements an element becomes, those of included files among them."""
+    cells = max(_product(element, "nrow", "ncol"), _product(element, "width", "height"))
+    if cells > MOST_CELLS:
+        raise AxisError(f"<{element.tag}> has {cells:.3g} cells; at most {MOST_CELLS} are taken")
+    inner = sum(_made(child, folder, seen) for child in element)
+    file = folder / element.get("file", "") if element.tag == "include" else folder
+    if file.is_file() and file.resolve() not in seen:
+        seen.add(file.resolve())
+        inner += _made(parsed(file), folder, seen)
+    return (1.0 + inner) * (_product(element, "count") if element.tag in _COUNTING else 1.0)
+
+
+def _product(element: ET.Element, *names: str) -> float:
+    """Return the product of an element's numbers; MuJoCo says what is wrong with those that are."""
+    found = 1.0
+    for word in " ".join(element.get(name, "1") for name in names).split():
+        with suppress(ValueError):
+            found *= max(float(word), 1.0)
+    return found

@@ -295,6 +295,32 @@ def test_a_mujoco_model_moves_as_in_mujoco(tmp_path):
         np.testing.assert_allclose(ours, data.qfrc_inverse, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ('<replicate count="300000"><geom size="0.1"/></replicate>', "more than 20000 elements"),
+        ('<include file="more.xml"/>', "more than 20000 elements"),
+        ('<replicate count="3000"><body><joint/><geom size="0.1"/></body></replicate>', "joints"),
+    ],
+)
+def test_counts_of_a_mujoco_model_are_bounded(tmp_path, more, message):
+    pytest.importorskip("mujoco")
+    many = '<replicate count="200"><replicate count="200"><geom size="1"/></replicate></replicate>'
+    (tmp_path / "more.xml").write_text(f"<mujocoinclude>{many}</mujocoinclude>")
+    text = MJCF.format("").replace("</worldbody>", f"{more}</worldbody>")
+    (tmp_path / "model.xml").write_text(text)
+    with pytest.raises(iv.errors.AxisError, match=message):
+        iv.Robot.from_mjcf(tmp_path / "model.xml")
+
+
+def test_cells_of_a_mujoco_model_are_bounded(tmp_path):
+    pytest.importorskip("mujoco")
+    asset = '<asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/></asset>'
+    (tmp_path / "model.xml").write_text(MJCF.format(asset))
+    with pytest.raises(iv.errors.AxisError, match="1e.10 cells; at most"):
+        iv.Robot.from_mjcf(tmp_path / "model.xml")
+
+
 def test_constraints_of_a_mujoco_model_are_refused(tmp_path):
     pytest.importorskip("mujoco")
     file = tmp_path / "model.xml"

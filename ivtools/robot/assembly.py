@@ -16,6 +16,7 @@ from .robot import EARTH, Joint, Place, Robot
 Array = NDArray[np.float64]
 
 MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
+MOST_JOINTS = 40  # whose base parameters take seconds; the time rises with the cube
 _LONGEST = 1e6  # m, and kg: numbers beyond are slips of the unit, and overflow when multiplied
 
 
@@ -76,6 +77,11 @@ def assemble(
         waiting += children.get(edge.child, [])[::-1]
     if not found:
         raise AxisError("no joint moves; a robot has a revolute or prismatic joint at least")
+    if len(found) > MOST_JOINTS:
+        raise AxisError(
+            f"{len(found)} joints move, more than {MOST_JOINTS}; name those that are to be "
+            "identified"
+        )
     bodies = np.zeros((len(found), 4, 4))
     for link, at in places.items():
         if at.joint >= 0:

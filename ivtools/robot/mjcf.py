@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import AxisError, MissingExtraError
+from ..xml_file import check_counts
 from .assembly import Edge, assemble
 from .inertia import body
 from .robot import Robot
@@ -27,9 +28,10 @@ def read(path: str | Path, joints: Sequence[str] | None = None) -> Robot:
     except ImportError:
         raise MissingExtraError("mujoco", "mujoco") from None
     try:
+        check_counts(Path(path))
         model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, OSError) as error:
-        reason = str(error).strip().splitlines()[0]
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         raise AxisError(f"MJCF {path}: {reason}") from error
     try:
         return _robot(model, Path(path).stem, joints)

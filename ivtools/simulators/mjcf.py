@@ -12,6 +12,7 @@ import numpy as np
 from ivtools.errors import AxisError, MissingExtraError
 from ivtools.loop import ClosedLoop
 from ivtools.loop.controllers import Controller
+from ivtools.xml_file import check_counts
 
 if TYPE_CHECKING:
     import mujoco
@@ -66,6 +67,7 @@ class Axis:
         """
         mujoco = engine()
         try:
+            check_counts(Path(path))
             model = mujoco.MjModel.from_xml_path(str(path))
         except (ValueError, OSError) as error:
             reason = " ".join(str(error).split())[:200]
