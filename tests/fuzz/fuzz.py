@@ -53,7 +53,7 @@ def main() -> int:
                 print(f"{kind} {seed}: {fault}", flush=True)
             bad += bool(wrong)
         seed += 1
-        if seed % 100 == 0:
+        if seed % 50 == 0:
             print(f"seed {seed}: {counts.total()} tried, {bad} ended badly", flush=True)
     bound.close()
     print(f"{dict(counts)} tried, {bad} ended badly")
