@@ -9,6 +9,7 @@ from robots import one_joint, plan, reference, six_loop, two_axes, two_joints
 import ivtools as iv
 from ivtools.errors import EstimationError, ShapeError
 from ivtools.pipelines import Pipelines
+from ivtools.plots import joint_simulation
 from ivtools.robot.consistent import possible
 
 
@@ -174,6 +175,43 @@ def test_input_error_withholds_what_it_does_not_know(clean):
     fit = iv.DIDIM().fit(clean)
     assert fit.converged and fit.std_errors.isna().all() and not fit.not_identifiable()
     assert "no standard errors" in str(fit.summary())
+
+
+def test_figures_show_every_joint():
+    """Beside each joint's force what is left of it."""
+    loop = iv.RobotLoop(two_joints(), two_axes())
+    t, q_ref = reference(6.0, n=2)
+    sim = loop.simulate(plan(t, q_ref), initial="rest")
+    record = iv.Record(t, q=sim.q, q_ref=q_ref, nu=sim.nu)
+    fit = iv.IDIMLS().fit(iv.Problem(record, loop))
+    figure = fit.plot()
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels == ["shoulder, N m", "error, N m", "elbow, N m", "error, N m"]
+    left = fit.resids[fit.problem.row_joints == 1]
+    assert f"{np.sqrt(np.mean(left**2)):.3g} N m rms" in figure.axes[3].get_title("right")
+    figure = joint_simulation(sim, record)
+    assert "0 N m rms" in figure.axes[1].get_title("right")  # simulated from itself
+
+
+def test_intervals_hold_where_a_mask_leaves_short_segments_of_steep_noise():
+    """Twice differentiated noise in segments of 60 rows, whose autocovariance leaks."""
+    from ivtools.linalg import Stack, estimate_covariance
+
+    rng = np.random.default_rng(1)
+    t = np.concatenate([np.arange(60) + 100.0 * k for k in range(25)]) * 1e-2
+    rows, joints = np.tile(t, 2), np.repeat([0, 1], len(t))
+    X = np.sin(2.0 * np.pi * 0.2 * rows)[:, np.newaxis]
+    starts = np.arange(0, len(rows), 60)
+    found = []
+    for _ in range(40):
+        noise = np.concatenate([np.diff(rng.standard_normal(62), 2) for _ in range(50)])
+        noise += 0.02 * rng.standard_normal(len(rows))
+        theta = np.linalg.lstsq(X, noise)[0]
+        left = noise - X @ theta
+        known = estimate_covariance(X, left, starts=starts, stack=Stack(joints, rows)).matrix
+        found.append((theta[0], known[0, 0]))
+    spread, said = np.array(found).T
+    assert 0.85 < np.sqrt(said.mean()) / spread.std() < 1.2  # by Yule and Walker's equations 1.29
 
 
 def test_errors_of_one_instant_hang_together():

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from ivtools.plots.force import force, force_chart
 from ivtools.plots.friction_curve import friction_curve
+from ivtools.plots.joint_forces import joint_forces, joint_simulation
 from ivtools.plots.methods import (
     drive_gain,
     feasible_set,
@@ -28,6 +29,8 @@ __all__ = [
     "feasible_set",
     "force",
     "force_chart",
+    "joint_forces",
+    "joint_simulation",
     "friction_curve",
     "leaderboard",
     "parameters",

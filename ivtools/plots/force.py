@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.plots.chart import Chart, Panel, Series, inner_limits, worst
+from ivtools.plots.joint_forces import joint_forces
 from ivtools.plots.style import (
     COLOURS,
     WIDTH_MM,
@@ -46,7 +47,7 @@ def force(
     problem : Problem, optional
         Another record to reconstruct with it (cross-test); default: its own.
     joint : int, optional
-        Of a robot, counted from 0: its rows alone.
+        Of a robot, counted from 0: its rows alone; default: all joints (see `joint_forces`).
     title : str, optional
         Default: method and relative error.
     width_mm : float
@@ -63,6 +64,9 @@ def force(
     >>> len(force(fit).axes)
     2
     """
+    own = problem or results.problem
+    if joint is None and own is not None and len(own.loop.joints) > 1:
+        return joint_forces(results, problem, title=title)
     shown = _Shown.of(results, problem, joint)
     t, y, model = shown.t, shown.y, shown.model
     with look():
