@@ -11,15 +11,19 @@ Science 11(2), 1996.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from ..loop import Simulation
+from . import spatial_lines
 from .fit import Fit, normal
-from .rules import DISCREPANCY_PART, DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
+from .rules import DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
 from .smooth import OVER, Basis, beside, signals
 
 Array = NDArray[np.float64]
@@ -30,7 +34,10 @@ _NAMES = {
     "dq": "speed",
     "load": "load",
     "state": "position and speed together",
+    "gain": "load times position or speed",
     "past": "the motion before",
+    "heat": "how much moved before",
+    "wave": "position, periodically",
 }
 
 
@@ -86,50 +93,200 @@ def describe(fits: Sequence[Fit]) -> Discrepancy | None:
     fits : sequence of Fit
         The model with all that is named, on each fold.
     """
-    runs = [f.fold.simulate(f.loop, f.values) for f in fits]
-    if not all(r.finite for r in runs) or any(f.fold.response is None for f in fits):
+    found = _described(fits)
+    if found is None or not found.over:
         return None
-    basis = Basis.of(runs)
-    forces = [basis.columns(r) for r in runs]
-    seen = [beside(f, f.fold.answers(F)) for f, F in zip(fits, forces, strict=True)]
-    rests = [beside(f, f.e[:, None])[:, 0] for f in fits]
-    beta, gain, t = _smoothed(fits, seen, rests, basis.penalty())
-    if t < DISCREPANCY_T or gain <= 0.0:
-        return None
-    force = [F[f.fold.keep] @ beta for f, F in zip(fits, forces, strict=True)]
-    own = [_base_forces(f, r) for f, r in zip(fits, runs, strict=True)]
-    beyond = np.concatenate([x - B @ normal(B, x, 1e-6) for x, B in zip(force, own, strict=True)])
-    whole = float(np.sqrt(np.mean(beyond**2)))
+    force = [F @ found.beta for F in found.forces]
+    own = [_base_forces(f, r) for f, r in zip(fits, found.runs, strict=True)]
+    beyond = [
+        _beyond(x[f.fold.keep], B) for f, x, B in zip(fits, force, own, strict=True)
+    ]  # fmt: skip
+    whole = float(np.sqrt(np.mean(np.concatenate(beyond) ** 2)))
     if whole < DISCREPANCY_SIZE * min(f.force_rms for f in fits):
         return None
-    parts = _parts(fits, forces, own, beta, basis)
-    over = tuple(n for n in sorted(parts, key=lambda n: -parts[n])
-                 if parts[n] >= DISCREPANCY_PART * max(parts.values()))  # fmt: skip
     unit = "N" if fits[0].loop.joint == "prismatic" else "N m"
-    return Discrepancy(whole, unit, over, gain, _curve(basis, over[0], runs, forces, beta))
+    curve = _curve(found.basis, found.over[0], found.runs, force)
+    return Discrepancy(whole, unit, found.over, found.gain, curve)
 
 
-def _smoothed(
-    fits: Sequence[Fit], seen: Sequence[Array], rests: Sequence[Array], rough: Array
-) -> tuple[Array, float, float]:
-    """Return the common spline, its gain on held-out data and the t value of that gain."""
-    squares = [C.T @ C for C in seen]
-    sides = [C.T @ e for C, e in zip(seen, rests, strict=True)]
-    size = float(np.mean([np.trace(A) for A in squares])) / len(rough.T)
-    best: tuple[float, float, float] = (-np.inf, 0.0, 0.0)
-    for penalty in PENALTIES:
-        R = penalty * size * rough.T @ rough
-        betas = [_solved(A + R, -b) for A, b in zip(squares, sides, strict=True)]
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """A penalised spline in what two fits leave.
+
+    Parameters
+    ----------
+    basis : Basis
+    runs : tuple of Simulation
+        Of the model, on each fold.
+    forces : tuple of ndarray, (n_samples, m)
+        Its columns, on each fold.
+    beta : ndarray, (m,)
+        Of both folds together.
+    over : tuple of str
+        What it depends on, in the order in which it was found; empty if nothing repeats.
+    gain : float
+        Share of the whitened energy that it removes on held-out data.
+    left : tuple of ndarray, (n_kept,)
+        Whitened error that the spline of either fold leaves on the other one.
+    """
+
+    basis: Basis
+    runs: tuple[Simulation, ...]
+    forces: tuple[Array, ...]
+    beta: Array
+    over: tuple[str, ...]
+    gain: float
+    left: tuple[Array, ...]
+
+
+def fitted(fits: Sequence[Fit]) -> Spline | None:
+    """Return the spline that predicts the other fold best; None if a loop diverges.
+
+    What it may depend on is added one by one, as long as held-out data are significantly better
+    predicted: columns without need cost more than they bring.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        One on each fold.
+    """
+    runs = tuple(f.fold.simulate(f.loop, f.values) for f in fits)
+    if not all(r.finite for r in runs) or any(f.fold.response is None for f in fits):
+        return None
+    basis = replace(Basis.of(runs), periods=_periods(fits, runs))
+    parts = [basis.parts(r) for r in runs]
+    forces = tuple(np.hstack([p[n] for n in OVER]) for p in parts)
+    sizes = {n: parts[0][n].shape[1] for n in OVER}
+    ends = dict(zip(OVER, np.cumsum(list(sizes.values())), strict=True))
+    place = {n: np.arange(ends[n] - m, ends[n]) for n, m in sizes.items()}
+    search = _Search(fits, basis, forces, place)
+    over: tuple[str, ...] = ()
+    now = _Step(0.0, (), [np.zeros(len(f.e)) for f in fits])
+    while len(over) < len(OVER):
+        then = search.best(over)
         saved = np.concatenate([
-            f.fold.block_sums(e**2 - (e + C @ other) ** 2)
-            for f, C, e, other in zip(fits, seen, rests, betas[::-1], strict=True)
+            f.fold.block_sums((e + a) ** 2 - (e + b) ** 2)
+            for f, e, a, b in zip(fits, search.rests, now.answers, then.answers, strict=True)
         ])  # fmt: skip
-        gain = float(np.sum(saved)) / sum(float(e @ e) for e in rests)
         t = float(np.sum(saved)) / max(float(np.linalg.norm(saved - saved.mean())), 1e-300)
-        best = max(best, (gain, t, penalty))
-    gain, t, penalty = best
-    R = penalty * size * rough.T @ rough
-    return _solved(squares[0] + squares[1] + R, -sides[0] - sides[1]), gain, t
+        if then.gain <= now.gain or t < DISCREPANCY_T:
+            break
+        over, now = then.over, then
+    beta = search.common(now) if over else np.zeros(forces[0].shape[1])
+    left = tuple(e + a for e, a in zip(search.rests, now.answers, strict=True))
+    return Spline(basis, runs, forces, beta, over, now.gain, left)
+
+
+def advantage(before: Sequence[Fit], after: Sequence[Fit]) -> float:
+    """Return the block t value by which held-out data are better predicted with an effect.
+
+    Both times a spline describes what is left. An effect that is not there is no better than that
+    description without it, however much it resembles what is there.
+
+    Parameters
+    ----------
+    before, after : sequence of Fit
+        Without and with the effect, on each fold.
+    """
+    one, two = _described(before), _described(after)
+    if one is None or two is None:  # a loop diverges: with the effect, or but for it
+        return -np.inf if two is None else np.inf
+    saved = np.concatenate([
+        f.fold.block_sums(a**2 - b**2)
+        for f, a, b in zip(after, one.left, two.left, strict=True)
+    ])  # fmt: skip
+    return float(np.sum(saved)) / max(float(np.linalg.norm(saved - saved.mean())), 1e-300)
+
+
+#: Descriptions of what fits leave, as long as the fits are there.
+_DESCRIBED: WeakKeyDictionary[Fit, Spline | None] = WeakKeyDictionary()
+
+
+def _described(fits: Sequence[Fit]) -> Spline | None:
+    if fits[0] not in _DESCRIBED:
+        _DESCRIBED[fits[0]] = fitted(fits)
+    return _DESCRIBED[fits[0]]
+
+
+def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ...]:
+    """Return the most likely periods of friction that is periodic over position."""
+    found: list[float] = []
+    for f, run in zip(fits, runs, strict=True):
+        v = run.dq[:, 0]
+        e = beside(f, f.e[:, None])[:, 0]
+        weights = (np.sign(v), v / max(float(np.max(np.abs(v))), 1e-300))
+        assert f.fold.response is not None
+        lines = spatial_lines.strongest(f.fold, f.fold.response, e, run, weights, 1)
+        found += [p for line in lines for p in line]
+    return tuple(found)
+
+
+class _Step(NamedTuple):
+    """What a spline over some signals does to each fold when the other one has fitted it."""
+
+    gain: float
+    over: tuple[str, ...]
+    answers: list[Array]
+    penalty: float = 0.0
+
+
+class _Search:
+    """Normal equations and penalties of every column, of which steps take some."""
+
+    def __init__(
+        self,
+        fits: Sequence[Fit],
+        basis: Basis,
+        forces: Sequence[Array],
+        place: Mapping[str, NDArray[np.int_]],
+    ) -> None:
+        self.place = place
+        self.seen = [beside(f, f.fold.answers(F)) for f, F in zip(fits, forces, strict=True)]
+        self.rests = [beside(f, f.e[:, None])[:, 0] for f in fits]
+        self.squares = [C.T @ C for C in self.seen]
+        self.sides = [C.T @ e for C, e in zip(self.seen, self.rests, strict=True)]
+        self.energy = sum(float(e @ e) for e in self.rests)
+        rough = {n: basis.penalty(n, len(p)) for n, p in place.items()}
+        self.rough = {n: R.T @ R for n, R in rough.items()}
+
+    def best(self, over: tuple[str, ...]) -> _Step:
+        """Return the best spline over one more signal."""
+        tried = [self._gain((*over, n), p) for n in self.place if n not in over for p in PENALTIES]
+        gain, names, penalty, betas = max(tried, key=lambda x: x[0])
+        rows = self._rows(names)
+        answers = [C[:, rows] @ b for C, b in zip(self.seen, betas[::-1], strict=True)]
+        return _Step(gain, names, answers, penalty)
+
+    def common(self, step: _Step) -> Array:
+        """Return the coefficients that fit both folds, (m,)."""
+        rows = self._rows(step.over)
+        one, two = (a[np.ix_(rows, rows)] for a in self.squares)
+        beta = np.zeros(len(self.sides[0]))
+        R = self._penalty(step.over, step.penalty)
+        beta[rows] = _solved(one + two + R, -self.sides[0][rows] - self.sides[1][rows])
+        return beta
+
+    def _gain(
+        self, over: tuple[str, ...], penalty: float
+    ) -> tuple[float, tuple[str, ...], float, list[Array]]:
+        """Return the share of the energy that each fold's spline removes on the other one."""
+        rows, R = self._rows(over), self._penalty(over, penalty)
+        A = [a[np.ix_(rows, rows)] for a in self.squares]
+        b = [x[rows] for x in self.sides]
+        betas = [_solved(a + R, -x) for a, x in zip(A, b, strict=True)]
+        saved = [
+            -float(2.0 * x @ other + other @ a @ other)
+            for a, x, other in zip(A, b, betas[::-1], strict=True)
+        ]
+        return sum(saved) / self.energy, over, penalty, betas
+
+    def _rows(self, over: Sequence[str]) -> NDArray[np.int_]:
+        return np.concatenate([self.place[n] for n in over])
+
+    def _penalty(self, over: Sequence[str], penalty: float) -> Array:
+        rows = self._rows(over)
+        size = float(np.mean([np.trace(a[np.ix_(rows, rows)]) for a in self.squares])) / len(rows)
+        return np.asarray(penalty * size * linalg.block_diag(*(self.rough[n] for n in over)))
 
 
 def _solved(A: Array, b: Array) -> Array:
@@ -146,23 +303,9 @@ def _base_forces(fit: Fit, run: Simulation) -> Array:
     return np.asarray(B / np.maximum(np.linalg.norm(B, axis=0), 1e-300))
 
 
-def _parts(
-    fits: Sequence[Fit],
-    forces: Sequence[Array],
-    own: Sequence[Array],
-    beta: Array,
-    basis: Basis,
-) -> dict[str, float]:
-    """Return the rms of what each signal contributes beyond the base parameters."""
-    found = {}
-    for name in OVER:
-        columns = basis.part(name)
-        squares = []
-        for f, F, B in zip(fits, forces, own, strict=True):
-            x = F[f.fold.keep, columns] @ beta[columns]
-            squares.append(float(np.mean((x - B @ normal(B, x, 1e-6)) ** 2)))
-        found[name] = float(np.sqrt(np.mean(squares)))
-    return found
+def _beyond(x: Array, base: Array) -> Array:
+    """Return what the base parameters cannot make of a force, (n_kept,)."""
+    return np.asarray(x - base @ normal(base, x, 1e-6))
 
 
 def _curve(
@@ -170,15 +313,14 @@ def _curve(
     name: str,
     runs: Sequence[Simulation],
     forces: Sequence[Array],
-    beta: Array,
 ) -> tuple[tuple[float, float, float], ...]:
     """Return the mean force at the knots of one signal, forwards and backwards."""
-    name = {"state": "q", "past": "dq"}.get(name, name)
+    name = {"state": "q", "gain": "q", "wave": "q", "past": "dq", "heat": "dq"}.get(name, name)
     kinds = dict(zip(("q", "dq", "load"), signals(runs), strict=True))
     x = np.concatenate([s[:, 0] for s in kinds[name]])
     hats = basis.hats(name, x if name == "q" else np.abs(x))
     ahead = np.concatenate([r.dq[:, 0] for r in runs]) > 0.0
-    force = np.concatenate([F @ beta for F in forces])
+    force = np.concatenate(forces)
     weight = [hats[rows].sum(axis=0) for rows in (ahead, ~ahead)]
     mean = [hats[rows].T @ force[rows] / np.maximum(w, 1e-300)
             for rows, w in zip((ahead, ~ahead), weight, strict=True)]  # fmt: skip

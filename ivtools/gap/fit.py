@@ -187,7 +187,9 @@ def _solve(J: Array, e: Array, units: Array) -> Array:
 
 
 def normal(A: Array, b: Array, rcond: float) -> Array:
-    """Return the least-squares solution of few columns A (n, m) by their normal equations, (m,).
+    """Return the least-squares solution of few columns A (n, m) by their normal equations.
+
+    `b` is one signal (n,) or several (n, k); so is the solution, (m,) or (m, k).
 
     Directions whose singular value is below `rcond` times the largest stay at zero. With columns
     scaled to unit length and an `rcond` of 1e-6 or more, squaring the condition number costs
@@ -195,7 +197,7 @@ def normal(A: Array, b: Array, rcond: float) -> Array:
     a loop that diverged, give zeros.
     """
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
-        return np.zeros(A.shape[1])
+        return np.zeros((A.shape[1], *b.shape[1:]))
     return np.asarray(np.linalg.lstsq(A.T @ A, A.T @ b, rcond=rcond**2)[0], dtype=float)
 
 

@@ -17,6 +17,7 @@ from ..loop import Simulation
 from .fit import Fit, normal
 from .rules import (
     COARSE_KNOTS,
+    COOLING,
     FORGETTING,
     LEAST_KNOTS,
     MOST_KNOTS,
@@ -29,8 +30,10 @@ from .rules import (
 
 Array = NDArray[np.float64]
 
-#: What a force may depend on; "state" is position and speed together, "past" what went before.
-OVER = ("q", "dq", "load", "state", "past")
+#: What a force may depend on: "state" is position and speed together, "gain" load times position
+#: or speed, "past" the motion before, "heat" friction by how much moved before, "wave" friction
+#: that is periodic over position.
+OVER = ("q", "dq", "load", "state", "gain", "past", "heat", "wave")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +45,12 @@ class Basis:
     knots : mapping
         Of each signal, common to both folds: ``"q"``, ``"dq"``, ``"load"``, and coarser ones,
         ``"where"`` and ``"how fast"``, of position and speed together.
+    periods : tuple of float
+        Of waves over position, m or rad.
     """
 
     knots: dict[str, Array]
+    periods: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, runs: Sequence[Simulation], spacing: float = 0.0) -> Basis:
@@ -71,21 +77,32 @@ class Basis:
 
     def additive(self, run: Simulation) -> Array:
         """Return forces over one signal each, one column per hat and direction, (n_samples, m)."""
-        q, dq, tau = (s[0][:, 0] for s in signals([run]))
-        sign = np.sign(dq)
-        found = []
-        for name, x in (("q", q), ("dq", np.abs(dq)), ("load", np.abs(tau))):
-            hats = self.hats(name, x)
-            found += [hats, hats * sign[:, None]]
-        return np.hstack(found)
+        return np.hstack([self.over(n, run) for n in ("q", "dq", "load")])
 
-    def columns(self, run: Simulation) -> Array:
-        """Return all forces, in the order of `OVER`, (n_samples, m)."""
-        q, dq = run.q[:, 0], run.dq[:, 0]
-        hats = self.hats("where", q)[:, :, None] * self.hats("how fast", np.abs(dq))[:, None, :]
-        both = hats.reshape(len(q), -1)
-        dt = float(run.t[1] - run.t[0])
-        return np.hstack([self.additive(run), both, both * np.sign(dq)[:, None], _past(dq, dt)])
+    def over(self, name: str, run: Simulation) -> Array:
+        """Return forces over position, speed or load, one column per hat and direction."""
+        signed = dict(zip(("q", "dq", "load"), (s[0][:, 0] for s in signals([run])), strict=True))
+        x = signed[name] if name == "q" else np.abs(signed[name])
+        hats = self.hats(name, x)
+        return np.hstack([hats, hats * np.sign(signed["dq"])[:, None]])
+
+    def parts(self, run: Simulation) -> dict[str, Array]:
+        """Return forces over each of `OVER`, (n_samples, m)."""
+        q, dq, tau = (s[0][:, 0] for s in signals([run]))
+        sign, dt = np.sign(dq), float(run.t[1] - run.t[0])
+        v = dq / max(float(np.max(np.abs(dq))), 1e-300)
+        found = {n: self.over(n, run) for n in ("q", "dq", "load")}
+        where, fast = self.hats("where", q), self.hats("how fast", np.abs(dq))
+        both = (where[:, :, None] * fast[:, None, :]).reshape(len(q), -1)
+        found["state"] = np.hstack([both, both * sign[:, None]])
+        load = tau / max(float(np.sqrt(np.mean(tau**2))), 1e-300)
+        found["gain"] = np.hstack([where, fast]) * load[:, None]
+        found["past"] = _past(v, dt)
+        found["heat"] = _heat(v, dt)
+        waves = [np.exp(2j * np.pi * q / p)[:, None].view(float) for p in self.periods]
+        wave = np.hstack(waves) if waves else np.empty((len(q), 0))
+        found["wave"] = np.hstack([wave * sign[:, None], wave * v[:, None]])
+        return found
 
     def hats(self, name: str, x: Array) -> Array:
         """Return the hat functions of a signal at some values, (n, knots)."""
@@ -94,31 +111,25 @@ class Basis:
     def _unit(self, name: str) -> Array:
         return np.eye(len(self.knots[name]))
 
-    @property
-    def _sizes(self) -> list[int]:
-        """Number of columns of each of `OVER`."""
-        count = {n: len(k) for n, k in self.knots.items()}
-        both = 2 * count["where"] * count["how fast"]
-        past = 2 * (len(FORGETTING) + len(RINGING))
-        return [*(2 * count[n] for n in ("q", "dq", "load")), both, past]
+    def penalty(self, name: str, count: int) -> Array:
+        """Return rows that measure roughness and size of columns of one of `OVER`, (r, count)."""
+        return np.vstack([self._rough(name, count), TO_ZERO * np.eye(count)])
 
-    def part(self, name: str) -> slice:
-        """Return the columns of one of `OVER`."""
-        start = sum(self._sizes[: OVER.index(name)])
-        return slice(start, start + self._sizes[OVER.index(name)])
+    def _rough(self, name: str, count: int) -> Array:
+        """Return second differences."""
 
-    def penalty(self) -> Array:
-        """Return rows that measure roughness (second differences) and size, (r, m)."""
+        def curved(knots: str) -> Array:
+            return np.diff(self._unit(knots), 2, axis=0)
 
-        def curved(name: str) -> Array:
-            return np.diff(self._unit(name), 2, axis=0)
-
-        where, fast = self._unit("where"), self._unit("how fast")
-        both = np.vstack([np.kron(curved("where"), fast), np.kron(where, curved("how fast"))])
-        own = [curved(n) for n in ("q", "dq", "load") for _ in (0, 1)]
-        past = np.zeros((0, self._sizes[-1]))
-        rows = linalg.block_diag(*own, both, both, past)
-        return np.vstack([rows, TO_ZERO * np.eye(rows.shape[1])])
+        if name in ("q", "dq", "load"):
+            return np.asarray(linalg.block_diag(curved(name), curved(name)))
+        if name == "gain":
+            return np.asarray(linalg.block_diag(curved("where"), curved("how fast")))
+        if name == "state":
+            where, fast = self._unit("where"), self._unit("how fast")
+            one = np.vstack([np.kron(curved("where"), fast), np.kron(where, curved("how fast"))])
+            return np.asarray(linalg.block_diag(one, one))
+        return np.zeros((0, count))
 
 
 def _knots(stroke: float, spacing: float) -> int:
@@ -133,17 +144,29 @@ def signals(runs: Sequence[Simulation]) -> tuple[list[Array], ...]:
     return [r.q for r in runs], [r.dq for r in runs], [r.tau for r in runs]
 
 
-def _past(dq: Array, dt: float) -> Array:
+def _leaky(x: Array, seconds: float, dt: float) -> Array:
+    """Return a signal that is forgotten: a first-order lag."""
+    a = float(np.exp(-dt / seconds))
+    return np.asarray(signal.lfilter([1.0 - a], [1.0, -a], x))
+
+
+def _past(v: Array, dt: float) -> Array:
     """Return speed and direction as they are forgotten, and what a motion sets ringing."""
-    v, found = dq / max(float(np.max(np.abs(dq))), 1e-300), []
-    for seconds in FORGETTING:
-        a = float(np.exp(-dt / seconds))
-        found += [signal.lfilter([1.0 - a], [1.0, -a], x) for x in (v, np.sign(v))]
+    found = [_leaky(x, seconds, dt) for seconds in FORGETTING for x in (v, np.sign(v))]
     for hz in RINGING:
         p = np.exp((-RINGING_DAMPING + 1j) * 2.0 * np.pi * hz * dt)
         y = signal.lfilter([1.0 - abs(p)], [1.0, -p], v)
         found += [y.real, y.imag]
-    columns = np.column_stack(found)
+    return _unit_size(np.column_stack(found))
+
+
+def _heat(v: Array, dt: float) -> Array:
+    """Return dry and viscous friction by how much the axis moved of late."""
+    warm = [_leaky(np.abs(v), seconds, dt) for seconds in COOLING]
+    return _unit_size(np.column_stack([w * x for w in warm for x in (np.sign(v), v)]))
+
+
+def _unit_size(columns: Array) -> Array:
     return np.asarray(columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300))
 
 
@@ -189,7 +212,7 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
         pair = beside(b, np.column_stack([b.e - a.e, b.e, a.e]))
         beyond = _without(known, pair)
         line = _explained(beyond[:, :2])
-        other = _without(known, _answers(b, bumps.additive(run)[:, bumps.part("q")]))
+        other = _without(known, _answers(b, bumps.over("q", run)))
         taken = beyond[:, 2] - _without(other, beyond[:, 2:])[:, 0]
         bumpy = max(float(taken @ taken) - other.shape[1], 0.0)  # the floor is one a column
         share = line / max(_explained(pair[:, :2]), 1e-300)
@@ -205,7 +228,7 @@ def _answers(fit: Fit, forces: Array) -> Array:
 
 def _without(columns: Array, x: Array) -> Array:
     """Return what is left of whitened signals (n, k) beside columns of unit size (n, m)."""
-    return np.asarray(x - columns @ np.column_stack([normal(columns, y, 1e-5) for y in x.T]))
+    return np.asarray(x - columns @ normal(columns, x, 1e-5))
 
 
 def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Array]]:

@@ -7,7 +7,7 @@ period.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ def search(
     response: Response,
     e: Array,
     simulation: Simulation,
-    terms: Iterable[Term],
+    terms: Sequence[Term],
     count: int = LINES,
 ) -> dict[str, list[float]]:
     """Return the most likely spatial periods for each effect that has one, m or rad.
@@ -41,20 +41,32 @@ def search(
         Whitened error, free of what the base model explains.
     simulation : Simulation
         Of the base model.
-    terms : iterable of Term
+    terms : sequence of Term
         Effects; those that are not periodic over position are passed over.
     count : int
         Periods per effect.
     """
-    q, v, tau = simulation.where, simulation.dq[:, 0], simulation.tau[:, 0]
+    v, tau = simulation.dq[:, 0], simulation.tau[:, 0]
+    names = [t.name for t in terms if t.search == "lines"]
+    weights = [weight(t, v, tau) for t in terms if t.search == "lines"]
+    found = strongest(fold, response, e, simulation, weights, count)
+    return dict(zip(names, found, strict=True))
+
+
+def strongest(
+    fold: Fold,
+    response: Response,
+    e: Array,
+    simulation: Simulation,
+    weights: Iterable[Array],
+    count: int,
+) -> list[list[float]]:
+    """Return the most likely periods of waves with each of some weights, (n_samples,)."""
+    q, v = simulation.where, simulation.dq[:, 0]
     full = np.zeros(len(q))
     full[fold.keep] = e
     back = response.adjoint(signal.lfilter(fold.whitener, [1.0], full[::-1])[::-1])
-    return {
-        t.name: _peaks(q, v, back, weight(t, v, tau), fold, response, count)
-        for t in terms
-        if t.search == "lines"
-    }
+    return [_peaks(q, v, back, w, fold, response, count) for w in weights]
 
 
 def _peaks(
