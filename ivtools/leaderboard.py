@@ -108,6 +108,8 @@ OURS: Mapping[str, tuple[str | SRIVC, tuple[str, ...]]] = {
     "SRIVC 4/2/0": (SRIVC(poles=4, zeros=2), ()),
 }
 """Our models: method and terms (none: those of the axis)."""
+DIAGNOSED: Mapping[str, str] = {"diagnosed effects": "clie", "diagnosed effects, OLOE": "oloe"}
+"""Methods for the axis with the effects that a diagnosis of the training record names."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -166,6 +168,7 @@ def leaderboard(
     loop: ClosedLoop,
     models: Mapping[str, tuple[str | Estimator | SRIVC, Sequence[str]]] | None = None,
     others: Sequence[Entry] = OTHERS,
+    diagnosed: ClosedLoop | None = None,
 ) -> Leaderboard:
     """Fit every model on one record and let it run free on the other.
 
@@ -180,6 +183,9 @@ def leaderboard(
         terms are those of the axis. Default: `OURS`.
     others : sequence of Entry
         Rows that are not computed here.
+    diagnosed : ClosedLoop, optional
+        The axis with the effects that a diagnosis of the training record alone names, which start
+        at its values; for the methods of `DIAGNOSED`.
 
     Returns
     -------
@@ -195,8 +201,15 @@ def leaderboard(
     ['LS asymmetric', 'LS']
     """
     entries, notes = list(others), list(NOTES)
-    for label, (method, terms) in (OURS if models is None else models).items():
-        axis = loop.with_terms(*terms) if terms else loop
+    tried = [
+        (label, method, loop.with_terms(*terms) if terms else loop)
+        for label, (method, terms) in (OURS if models is None else models).items()
+    ]
+    if diagnosed is not None:
+        tried += [(label, method, diagnosed) for label, method in DIAGNOSED.items()]
+        effects = [t.name for t in diagnosed.terms if t.name not in {x.name for x in loop.terms}]
+        notes.append(f"diagnosed effects: {', '.join(effects) or 'none'}")
+    for label, method, axis in tried:
         try:
             entries.append(_entry(label, method, Problem(train, axis), test))
         except IVToolsError as error:

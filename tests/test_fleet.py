@@ -138,7 +138,9 @@ def test_what_is_finished_is_not_computed_again(fleet, logs, loop, quick):
     assert again.frame().drop(columns="seconds").equals(fleet.frame().drop(columns="seconds"))
 
 
-@pytest.mark.parametrize("change", ["content", "axis", "holdout", "rules", "without"])
+@pytest.mark.parametrize(
+    "change", ["content", "axis", "holdout", "judge", "rules", "tolerance", "without"]
+)
 def test_whatever_a_diagnosis_rests_on_makes_it_another(made, loop, quick, tmp_path, change):
     file = tmp_path / "log.csv"
     frame = made[0].slice(0, 1000).to_frame()
@@ -152,6 +154,8 @@ def test_whatever_a_diagnosis_rests_on_makes_it_another(made, loop, quick, tmp_p
     else:
         settings |= {
             "holdout": {"holdout": made[1]},
+            "judge": {"judge": made[1]},
+            "tolerance": {"tolerance": 5.0},
             "rules": {"rules": iv.gap.Rules(equivalence=0.1)},
             "without": {"without": ["stribeck"]},
         }[change]
@@ -219,6 +223,21 @@ def test_the_holdout_reaches_the_diagnosis(made, loop, quick):
     assert quick == [("axis_0", "axis 1"), ("axis_1", None)]
 
 
+def test_a_judge_takes_part_in_nothing(made, loop, quick, monkeypatch):
+    told = []
+    diagnose = fleet_run.diagnose
+
+    def noted(*args, **settings):
+        told.append((settings["judge"] and settings["judge"].name, settings["tolerance"]))
+        return diagnose(*args, **settings)
+
+    monkeypatch.setattr(fleet_run, "diagnose", noted)
+    iv.diagnose_fleet(made, loop, judge=made[1], tolerance=5.0, n_jobs=1)
+    assert told == [("axis 1", 5.0), (None, 5.0)]
+    with pytest.raises(IVToolsError, match="axis_1 is hold-out and judge"):
+        iv.diagnose_fleet(made, loop, made[1], judge=made[1], n_jobs=1)
+
+
 def test_an_error_of_ours_ends_one_record_only(made, loop, quick, monkeypatch):
     diagnose = fleet_run.diagnose
 
@@ -279,6 +298,20 @@ def test_a_folder_a_pattern_and_names_are_the_same_fleet(command, logs, tmp_path
     assert [a["name"] for a in answers[0]] == ["axis_0", "axis_1", "broken", "short"]
     assert [bool(a["error"]) for a in answers[0]] == [False, False, True, False]
     assert set(answers[0][0]) >= {"verdict", "effects", "shrink", "ranking", "file"}
+
+
+def test_the_command_hands_judge_and_tolerance_on(command, logs, monkeypatch):
+    told = []
+    whole = fleet_run.diagnose_fleet
+
+    def noted(*args, **settings):
+        told.append((settings["judge"], settings["tolerance"]))
+        return whole(*args, **settings)
+
+    monkeypatch.setattr("ivtools.gap.diagnose_fleet", noted)
+    both = [logs / "axis 0.csv", logs / "broken.csv"]
+    command(*both, "--judge", logs / "axis 1.csv", "--tolerance", 5)
+    assert told == [(str(logs / "axis 1.csv"), 5.0)]
 
 
 def test_the_status_says_whether_all_some_or_none_are_done(command, logs, tmp_path):

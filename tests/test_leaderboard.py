@@ -53,6 +53,16 @@ def test_the_board_has_ours_and_theirs(emps, emps_pulses):
     json.dumps(board.to_dict(), allow_nan=False)
 
 
+def test_the_diagnosed_model_has_its_rows_and_says_its_effects(emps, emps_pulses):
+    loop = axes.emps()
+    named = loop.with_effect("asymmetric-viscous", delta=-39.0)
+    board = leaderboard(emps, emps_pulses, loop, MODELS, others=(), diagnosed=named)
+    frame = board.frame().set_index("model")
+    assert {"diagnosed effects", "diagnosed effects, OLOE"} < set(frame.index)
+    assert frame.loc["diagnosed effects", "force"] < frame.loc["LS", "force"]
+    assert board.notes[-1] == "diagnosed effects: asymmetric-viscous"
+
+
 def test_a_model_that_cannot_be_fitted_is_a_note(emps, emps_pulses):
     models = {"LS": ("idim-ls", ()), "none": ("no-such", ())}
     board = leaderboard(emps, emps_pulses, axes.emps(), models, others=())

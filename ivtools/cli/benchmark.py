@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -50,10 +51,14 @@ def _leaderboard(json: Path | None, out: Path | None) -> None:
     """Run the EMPS protocol and print the board."""
     from ivtools import axes, datasets
     from ivtools.files import write
+    from ivtools.gap import diagnose
     from ivtools.leaderboard import leaderboard
     from ivtools.tables import csv
 
-    board = leaderboard(datasets.emps(), datasets.emps_pulses(), axes.emps())
+    train, axis = datasets.emps(), axes.emps()
+    gap = diagnose(train, axis)
+    named = replace(gap.loop, start={**gap.loop.start, **gap.theta})
+    board = leaderboard(train, datasets.emps_pulses(), axis, diagnosed=named)
     if out is not None:
         write(out / "leaderboard.md", board.to_markdown())
         write(out / "leaderboard.csv", csv(board.frame()))

@@ -108,6 +108,8 @@ def diagnose(
             names,
             loop,
             holdout,
+            judge=judge,
+            tolerance=tolerance,
             path=out,
             n_jobs=jobs,
             backend=backend.value,

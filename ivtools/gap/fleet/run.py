@@ -15,11 +15,12 @@ from ...errors import IVToolsError
 from ...loop import ClosedLoop
 from ...physics import Term
 from ...record import Record
+from ...record_format import RecordFormat
 from ...resume import resumable
 from ...workers import Backend, Clock, Progress, known, outcomes, packed, quiet
 from ..diagnose import diagnose
 from ..diagnosis import Diagnosis
-from ..rules import Rules
+from ..rules import TOLERANCE, Rules
 from .entry import Entry
 from .fleet import Fleet
 from .shelf import PAGES, SHARED, Shelf
@@ -33,6 +34,7 @@ class _Job(NamedTuple):
     entry: Entry
     key: str
     holdout: Record | None
+    judge: Record | None
 
 
 def diagnose_fleet(
@@ -40,6 +42,8 @@ def diagnose_fleet(
     loop: ClosedLoop,
     holdout: Given | None = None,
     *,
+    judge: Given | None = None,
+    tolerance: float = TOLERANCE,
     path: str | Path | None = None,
     n_jobs: int = -1,
     backend: Backend = "loky",
@@ -61,10 +65,14 @@ def diagnose_fleet(
     holdout : Record, path or name of a data set, optional
         Judges every record. Without it each record judges itself, stretch against stretch; so
         does the hold-out where it is among the records.
+    judge : Record, path or name of a data set, optional
+        A third record, which chooses nothing: clean figures for every record but itself.
+    tolerance : float
+        Per cent of the force below which a gap is negligible.
     path : str or Path, optional
         Folder that finished diagnoses go to, a page and a JSON file each, with an overview. A
-        later run with the same folder does not repeat what has the same content of the record
-        and the hold-out, loop, rules and version of ivtools.
+        later run with the same folder does not repeat what has the same content of the record,
+        the hold-out and the judge, loop, rules, tolerance and version of ivtools.
     n_jobs : int
         Workers; 1 works in this process, -1 uses every core. Dask uses the whole cluster.
     backend : {"loky", "threading", "dask"}
@@ -85,7 +93,8 @@ def diagnose_fleet(
     Raises
     ------
     IVToolsError
-        If there is no record, the hold-out cannot be read, or the folder cannot be written.
+        If there is no record, the hold-out or the judge cannot be read or are one record, or the
+        folder cannot be written.
 
     Examples
     --------
@@ -97,15 +106,21 @@ def diagnose_fleet(
     """
     backend = known(backend)
     shelf = None if path is None else Shelf(Path(path))
-    settings = {"rules": rules, "extra": tuple(extra), "without": tuple(without)}
+    settings: dict[str, Any] = {"rules": rules, "extra": tuple(extra), "without": tuple(without)}
+    settings["tolerance"] = tolerance
     given = sources(records, loop.log, data)
     if not given:
         raise IVToolsError("there is no record to diagnose; give files, data sets or records")
-    judge = None if holdout is None else sources([holdout], loop.log, data)[0]
+    others = [None if x is None else _Other.of(x, loop.log, data) for x in (holdout, judge)]
+    if others[0] is not None and others[1] is not None and others[0].digest == others[1].digest:
+        raise IVToolsError(
+            f"{others[1].name} is hold-out and judge: a judge takes part in nothing; give a third "
+            "record"
+        )
     with resumable(None if shelf is None else shelf.folder, PAGES):
         if shelf is not None:
             shelf.prepare()
-        entries, jobs = _planned(given, judge, shelf, loop, settings)
+        entries, jobs = _planned(given, others, shelf, loop, settings)
         clock = Clock(len(jobs), progress)
         tasks = _tasks(jobs, loop, settings, shelf is not None, entries, clock)
         work = outcomes(_work, tasks, _fewer(n_jobs, jobs), backend, scheduler, _lost)
@@ -131,15 +146,27 @@ def _gathered(
     return fleet
 
 
+class _Other(NamedTuple):
+    """A hold-out or a judge of a fleet."""
+
+    name: str
+    record: Record
+    digest: str
+
+    @classmethod
+    def of(cls, given: Given, log: RecordFormat | None, data: str | Path | None) -> _Other:
+        source = sources([given], log, data)[0]
+        return cls(source.name, source.read(), source.digest())
+
+
 def _planned(
     given: list[Source],
-    judge: Source | None,
+    others: Sequence[_Other | None],
     shelf: Shelf | None,
     loop: ClosedLoop,
     settings: dict[str, Any],
 ) -> tuple[dict[str, Entry], list[_Job]]:
     """Return the entries that are finished, and the jobs that are not."""
-    held, held_digest = (None, "") if judge is None else (judge.read(), judge.digest())
     entries, jobs = {}, []
     for source in given:
         entry = Entry(source.name, source.text)
@@ -148,16 +175,18 @@ def _planned(
         except IVToolsError as error:
             entries[source.name] = replace(entry, error=_line(error))
             continue
-        alone = judge is None or own == held_digest
-        if not alone:
-            entry = replace(entry, judged_by=judge.name if judge else "")
+        holdout, judge = (x if x is None or x.digest != own else None for x in others)
+        if holdout is not None:
+            entry = replace(entry, judged_by=holdout.name)
         model = [loop_text(loop), loop.start, loop.name]
-        key = digest(__version__, own, "" if alone else held_digest, model, settings)
+        beside = ["" if x is None else x.digest for x in (holdout, judge)]
+        key = digest(__version__, own, beside, model, settings)
         found = None if shelf is None else shelf.find(entry, key)
         if found is not None:
             entries[source.name] = found
         else:
-            jobs.append(_Job(source, entry, key, None if alone else held))
+            records = (None if x is None else x.record for x in (holdout, judge))
+            jobs.append(_Job(source, entry, key, *records))
     return entries, jobs
 
 
@@ -171,11 +200,12 @@ def _tasks(
 ) -> Iterator[tuple[str, Entry, bytes, bool]]:
     """Yield the work, reading each record when its turn comes; what cannot be read is an entry."""
     makers = [term.law for term in (*loop.terms, *settings["extra"]) if term.law is not None]
-    for source, entry, key, held in jobs:
+    for source, entry, key, holdout, judge in jobs:
         try:
             with quiet():
                 record = source.read().replace(name=source.name)
-            sent = packed((record, loop, held, settings), makers, source.name)
+            told = {**settings, "judge": judge}
+            sent = packed((record, loop, holdout, told), makers, source.name)
         except IVToolsError as error:
             entries[source.name] = replace(entry, error=_line(error))
             clock.tick()
