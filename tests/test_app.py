@@ -1,7 +1,9 @@
 """The app without a browser: who may ask, what is taken, and what it gives back."""
 
 import json
+import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -25,6 +27,7 @@ from ivtools.plots.chart import Chart, Panel, Series
 from ivtools.report import Page
 
 OURS = {"X-Ivtools": "1"}
+ROUNDS = 30  # in which workers are killed
 
 
 @pytest.fixture(scope="module")
@@ -266,6 +269,34 @@ def test_the_script_names_files_as_text():
     made = script(name, holdout='b".csv', methods=["didim"], tolerance=1.0)
     compile(made, "script", "exec")
     assert repr(name) in made and "iv.DIDIM()" in made and "tolerance=1.0" in made
+
+
+@pytest.mark.slow
+def test_workers_that_are_killed_lose_nothing_but_their_work(client, server, twin):
+    """Kill the worker at random times; the window is told, and the same again works."""
+    place, content, rng = opened(client, server), german(twin), np.random.default_rng(14)
+    (session,) = [s for s in server.sessions._all.values() if s.address == place]
+    client.post(f"{place}upload/log?name=a.csv", content=content)
+    assert rest(client, place)["look"]["status"] == "done"
+    page, kills = client.get(f"{place}get/log.html").text, 0
+    for k in range(ROUNDS):
+        client.post(f"{place}upload/log?name=a.csv", content=content)
+        time.sleep(rng.uniform(0.0, 1.5))
+        for job in list(server.hands._busy):
+            if job.process is not None:
+                os.kill(job.process.pid, signal.SIGKILL)
+                kills += 1
+        look = rest(client, place)["look"]
+        died = "the worker died" in look["text"]
+        assert look["status"] == ("failed" if died else "done")
+        assert len(list(session.folder.glob("look-*"))) == (not died)
+        assert len(list(session.folder.glob("upload-*"))) == 1
+        if died and k % 3 == 0:
+            client.post(f"{place}upload/log?name=a.csv", content=content)
+            assert rest(client, place)["look"]["status"] == "done"
+            assert client.get(f"{place}get/log.html").text == page
+    assert kills > ROUNDS // 4
+    print(f"{kills} kills")
 
 
 def test_what_a_killed_server_left_goes_and_what_a_live_one_has_stays(tmp_path, monkeypatch):
