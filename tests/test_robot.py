@@ -1,5 +1,6 @@
 """Robots: what is read of a file, and their dynamics beside Pinocchio's."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -319,6 +320,16 @@ def test_cells_of_a_mujoco_model_are_bounded(tmp_path):
     (tmp_path / "model.xml").write_text(MJCF.format(asset))
     with pytest.raises(iv.errors.AxisError, match="1e.10 cells; at most"):
         iv.Robot.from_mjcf(tmp_path / "model.xml")
+
+
+def test_what_mujoco_warns_of_is_said_and_no_file_is_left(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "model.xml").write_text(MJCF.format("").replace('damping="0.5"', 'damping="NaN"'))
+    told = pytest.warns(iv.errors.IVToolsWarning, match="MuJoCo: XML contains a 'NaN'")
+    with told, suppress(iv.errors.AxisError):
+        iv.Robot.from_mjcf(tmp_path / "model.xml")
+    assert [f.name for f in tmp_path.iterdir()] == ["model.xml"]
 
 
 def test_constraints_of_a_mujoco_model_are_refused(tmp_path):

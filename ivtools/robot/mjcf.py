@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import AxisError, MissingExtraError
+from ..errors import AxisError, IVToolsWarning, MissingExtraError, shown
 from ..xml_file import check_counts
 from .assembly import Edge, assemble
 from .inertia import body
@@ -21,12 +23,30 @@ Array = NDArray[np.float64]
 _KINDS = ("floating", "ball", "prismatic", "revolute")  # in MuJoCo's order
 
 
-def read(path: str | Path, joints: Sequence[str] | None = None) -> Robot:
-    """Read a MuJoCo model; see `Robot.from_mjcf`."""
+def engine() -> Any:
+    """Return the module mujoco, or say what to install.
+
+    What it warns of is ours to say; else it writes a file into the user's folder.
+    """
     try:
         import mujoco
-    except ImportError:
-        raise MissingExtraError("mujoco", "mujoco") from None
+    except ImportError as error:
+        raise MissingExtraError("mujoco", "mujoco") from error
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(_warned)
+    return mujoco
+
+
+def _warned(text: str) -> None:
+    """Pass on a warning; where warnings are errors it is none, for MuJoCo cannot be unwound."""
+    with suppress(IVToolsWarning):
+        told = shown(" ".join(text.split()), 200)
+        warnings.warn(f"MuJoCo: {told}", IVToolsWarning, stacklevel=2)
+
+
+def read(path: str | Path, joints: Sequence[str] | None = None) -> Robot:
+    """Read a MuJoCo model; see `Robot.from_mjcf`."""
+    mujoco = engine()
     try:
         check_counts(Path(path))
         model = mujoco.MjModel.from_xml_path(str(path))

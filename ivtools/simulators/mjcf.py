@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ivtools.errors import AxisError, MissingExtraError
+from ivtools.errors import AxisError
 from ivtools.loop import ClosedLoop
 from ivtools.loop.controllers import Controller
+from ivtools.robot.mjcf import engine
 from ivtools.xml_file import check_counts
 
 if TYPE_CHECKING:
@@ -19,15 +20,6 @@ if TYPE_CHECKING:
 
 _SILENCE = 1e-9  # N per unit of command
 _TURNS = 24  # poses at which a hinge's gravity is asked for
-
-
-def engine() -> Any:
-    """Return the module mujoco, or say what to install."""
-    try:
-        import mujoco
-    except ImportError as error:
-        raise MissingExtraError("mujoco", "mujoco") from error
-    return mujoco
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,9 @@ from ivtools.errors import AxisError
 from ivtools.files import write
 from ivtools.loop import ClosedLoop
 from ivtools.physics import Term
+from ivtools.robot.mjcf import engine
 from ivtools.simulators.difference import CREEPS
-from ivtools.simulators.mjcf import Axis, closed_loop, engine
+from ivtools.simulators.mjcf import Axis, closed_loop
 from ivtools.simulators.mjcf_writer import Writer, number
 from ivtools.xml_file import parsed
 

@@ -9,7 +9,8 @@ from math import atan2, ceil, hypot, log, pi
 from typing import Any
 
 from ivtools.errors import AxisError
-from ivtools.simulators.mjcf import Axis, engine
+from ivtools.robot.mjcf import engine
+from ivtools.simulators.mjcf import Axis
 
 _FRAME = ("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "childclass")
 _PLACE = ("joint", "dof", "position", "actuator", "pose")

@@ -15,8 +15,9 @@ from ivtools.errors import AxisError, RecordError
 from ivtools.loop import ClosedLoop
 from ivtools.physics import Term
 from ivtools.record import Record
+from ivtools.robot.mjcf import engine
 from ivtools.simulators.digital import DigitalLaw
-from ivtools.simulators.mjcf import Axis, closed_loop, engine
+from ivtools.simulators.mjcf import Axis, closed_loop
 
 Array = NDArray[np.float64]
 
