@@ -17,7 +17,7 @@ from .arm import Arm, room, state
 from .arm_kernel import Laws, Outside, Work, run
 from .controllers import Controller
 from .engine import driven, plant
-from .robot_loop import SINGULAR
+from .robot_masses import SINGULAR
 from .simulation import Simulation
 
 if TYPE_CHECKING:

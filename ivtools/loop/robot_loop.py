@@ -7,38 +7,28 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import AxisError, ShapeError
-from ..linalg import solve_iv
 from ..physics import Parameter, Term, find
-from ..pipeline import Motion, Pipeline
+from ..pipeline import Motion
 from ..pipelines import Pipelines
 from ..record import Record
 from ..record_format import RecordFormat
 from ..robot.base import Base, group, preference, random_motion
-from ..robot.consistent import nearest
 from ..robot.robot import Robot
 from .closed_loop import ClosedLoop
-from .default_pipeline import SLOW
 from .model import Array, Model, Theta
+from .robot_masses import consistent, felt_inertias, possible
+from .robot_pipelines import band_pipelines, first_guess, robot_pipelines
 from .simulation import Simulation, over_stretches
-from .standing import at_rest, holding
+from .standing import holding
 
 if TYPE_CHECKING:
     from .closed_loop import Initial
 
-SINGULAR = (
-    "the mass matrix of these parameters is not positive definite: nothing can be simulated; take "
-    "parameters of links that can exist"
-)
-_BAND = 3.0  # of a motion's own band, for a first guess
-_FASTEST = 0.1  # of the sampling rate: the highest cut-off of a filter
-_LEAST = 1e-3  # eigenvalue of a mass matrix whose diagonal is 1
-_POSES = 50  # of a record, at which the mass matrix is looked at
 _UNITS = {1: "kg", 2: "kg m", 3: "kg m2"}  # by the power of the length, plus one
 
 
@@ -394,51 +384,14 @@ class RobotLoop(Model):
         return replace(axis, terms=find(["inertia", *terms]), start=start, name=name)
 
     def felt_inertias(self, record: Record, theta: Theta | None = None) -> Array:
-        """Return the inertia that each drive feels on a record, (n,), kg m2 or kg.
-
-        Raises
-        ------
-        AxisError
-            If the mass matrix is not positive definite there.
-        """
-        rows = np.linspace(0, record.n_samples - 1, _POSES).astype(int)
-        M = self.mass_matrix(record.q[rows], theta)
-        size = np.sqrt(np.maximum(np.diagonal(M, axis1=1, axis2=2), 1e-300))
-        unit = M / size[:, :, np.newaxis] / size[:, np.newaxis, :]
-        if np.linalg.eigvalsh(unit).min() <= _LEAST:  # between the poses it could be indefinite
-            raise AxisError(SINGULAR)
-        return np.asarray(1.0 / np.diag(np.linalg.inv(M.mean(axis=0))), dtype=float)
+        """Return the inertia that each drive feels on a record, (n,); see `robot_masses`."""
+        return felt_inertias(self, record, theta)
 
     def possible(
         self, values: Mapping[str, float], record: Record, rows: Callable[[], Array]
     ) -> dict[str, float]:
-        """Return the nearest values that can be simulated on a record.
-
-        Bounds hold, and the mass matrix is positive definite wherever the robot moves. Where it is
-        not, the links are replaced by the nearest ones that can exist, measured by the force along
-        the record, the robot's own as the prior.
-
-        Parameters
-        ----------
-        values : mapping
-            Of every parameter.
-        record : Record
-        rows : callable
-            Returns the observation matrix of the record, (N, p).
-
-        Raises
-        ------
-        MissingExtraError
-            If that takes cvxpy and it is not installed.
-        """
-        bounds = self.parameters
-        found = {k: min(max(v, bounds[k].lower), bounds[k].upper) for k, v in values.items()}
-        try:
-            self.felt_inertias(record, found)
-        except AxisError:
-            theta = self.consistent(found, rows()) @ self.base.matrix.T
-            found |= dict(zip(self.base.names, theta.tolist(), strict=True))
-        return found
+        """Return the nearest values that can be simulated on a record; see `robot_masses`."""
+        return possible(self, values, record, rows)
 
     def consistent(self, theta: Theta, X: Array | None = None, pull: float = 1e-6) -> Array:
         """Return parameters of links that can exist, (10 n + k,), nearest to these.
@@ -457,15 +410,7 @@ class RobotLoop(Model):
             Standard parameters, link by link, then the joints' own, in the order of
             ``base.standard``.
         """
-        values = self.values(theta)
-        wanted = np.array([values[name] for name in self.base.names])
-        own = [self._own_parameters[name].lower for name in self._own_names]
-        prior = np.concatenate([self.robot.inertias.ravel(), self._own_starts()])
-        metric = None
-        if X is not None:
-            metric = np.zeros((min(X.shape), len(wanted)))
-            metric[:, self.free] = np.linalg.qr(X, mode="r")
-        return nearest(self.base.matrix, wanted, metric, prior, np.array(own), pull)
+        return consistent(self, theta, X, pull)
 
     def scaled(
         self, values: Mapping[str, float], measured: Mapping[str, float], record: Record
@@ -559,84 +504,15 @@ class RobotLoop(Model):
 
         A sequence among the settings has one value per joint.
         """
-        guess, found = self.first_guess(record), []
-        for j in range(self.n_joints):
-            own = {k: v[j] if isinstance(v, list) else v for k, v in settings.items()}
-            axis = self.axis(j, record, guess)
-            natural = axis.natural_frequency_hz(record.dt, axis.start["inertia"])
-            if natural > _FASTEST * record.sampling_hz / 5.0:  # the inertia is hardly known
-                own.setdefault("cutoff_hz", _FASTEST * record.sampling_hz)
-            found.append(axis.pipeline(record.joint(j), **own))
-        common = {
-            "decimation": min(p.decimation for p in found),
-            "trim": tuple(max(p.trim[i] for p in found) for i in range(2)),
-        }
-        still = tuple(np.flatnonzero(at_rest(record)).tolist())
-        return Pipelines(tuple(replace(p, **common) for p in found), still)  # type: ignore[arg-type]
+        return robot_pipelines(self, record, **settings)
 
     def first_guess(self, record: Record) -> dict[str, float]:
-        """Return least squares in the band that the references move in, made possible.
-
-        Noise of the encoders, differentiated twice, biases least squares with the cut-off's fifth
-        power; a first guess needs no more of the motion than what carries its acceleration. The
-        filters of the rest come from it, for the inertia of the drives is in no model of a robot.
-        Stated starting values count instead.
-        """
-        kept = _GUESSES.setdefault(record, {})
-        if id(self) not in kept:
-            kept[id(self)] = (self, self._guess(record))
-        return dict(kept[id(self)][1])
-
-    def _guess(self, record: Record) -> dict[str, float]:
-        self._check(record)
-        pipelines = self.band_pipelines(record)
-        motion = pipelines.differentiate(record.q, record.dt)
-        force = pipelines.align(self.force(record))
-        t = record.t - record.t[0]
-        columns, held = self.regressor(motion, force, t), self.held_force(motion, force, t)
-        force = force - held - (0.0 if record.load is None else record.load)
-        rows = pipelines.rows(np.concatenate([columns, force.T[:, :, np.newaxis]], 2), motion.dq)
-        X, y = rows[:, :-1], rows[:, -1]
-        theta = solve_iv(X, y, names=self.names)
-        return self.possible(self.values(theta) | dict(self.start), record, lambda: X)
+        """Return least squares in the band that the references move in, made possible."""
+        return first_guess(self, record)
 
     def band_pipelines(self, record: Record) -> Pipelines:
         """Return pipelines that keep a few times the band in which each joint moves."""
-        moved = record.q if record.q_ref is None else record.q_ref
-        highest = _FASTEST * record.sampling_hz
-        found = []
-        rows = max(record.stretches, key=lambda s: s.stop - s.start)
-        for x, axis in zip(moved.T, self.axes, strict=True):
-            band = min(_BAND * band_hz(x[rows], record.dt), highest)
-            speed = np.abs(np.gradient(x[rows], record.dt)).max()
-            shift = 0.5 + axis.delay / record.dt
-            # the rule's natural frequency is a fifth of its cut-off
-            found.append(
-                Pipeline.from_bandwidth(
-                    band / 5.0,
-                    record.sampling_hz,
-                    force_shift=shift,
-                    min_speed=SLOW * float(speed),
-                    blank=True,
-                    breaks=record.breaks,
-                )
-            )
-        decimation = min(p.decimation for p in found)
-        trim = max(p.trim[0] for p in found)
-        trim = min(trim, record.longest.n_samples // 10)
-        still = tuple(np.flatnonzero(at_rest(record)).tolist())
-        common = {"decimation": decimation, "trim": (trim, trim)}
-        return Pipelines(tuple(replace(p, **common) for p in found), still)  # type: ignore[arg-type]
-
-
-_GUESSES: WeakKeyDictionary[Record, dict[int, Any]] = WeakKeyDictionary()
-
-
-def band_hz(q: Array, dt: float) -> float:
-    """Return the frequency below which 99 % of the acceleration's power of a motion lies, Hz."""
-    ddq = np.diff(q, 2) * np.hanning(len(q) - 2)
-    power = np.cumsum(np.abs(np.fft.rfft(ddq)) ** 2)
-    return float(np.searchsorted(power, 0.99 * power[-1]) + 1) / (len(ddq) * dt)
+        return band_pipelines(self, record)
 
 
 def _unit(name: str) -> str:
