@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.special import stdtrit
 from scipy.stats import chi2
 
 from ivtools.study.named import load
@@ -37,14 +38,16 @@ first, `conveyor` with 36 % of standstill among them; `valve`, where it ends, by
 - **largest z**: error of any parameter in standard errors.
 - **/ bound**: variance over the Cramer-Rao bound, median, without what so few records take from a
   median. The bound counts every sample, those of reversals too, which the default pipeline masks.
-- **off**: records that converged with a parameter more than 20 % *or* 5 standard errors off.
+- **off**: records that converged with a parameter more than 20 % *or* 5 standard errors off; of
+  these
+- **unsaid**: with such a parameter that the result does not mark (`FitResults.weak`).
 
 A study takes every fit as it is: that instruments contradict least squares, which then says that
 it has not converged, does not count here ([astray.md](astray.md) counts it).
 {earlier}"""
 EARLIER = """
-Methods with a dagger have not been run again since: their rows are of an earlier state of the code,
-and of all twelve axes.
+Methods with a dagger have not been run again: their rows are of an earlier state of the code, of all
+twelve axes, coverage with 1.96 standard errors, and the median of the variances as it is.
 """
 VALVE = """## The valve
 
@@ -96,7 +99,17 @@ def _scores(good: pd.DataFrame, bounds: pd.DataFrame, noisy: bool) -> dict[str, 
         "largest_z": good["z"].abs().max() if noisy else np.nan,
         "variance_over_bound": ratio.median() if noisy else np.nan,
         "off": len(good[off].drop_duplicates(["case", "seed"])),
+        "unsaid": len(good[off & ~_weak(good)].drop_duplicates(["case", "seed"])),
     }
+
+
+def _weak(good: pd.DataFrame) -> pd.Series:
+    """Return what `FitResults.weak` names; the rows have the freedom in their half widths."""
+    freedom = np.geomspace(1.0, 1e7, 20_001)
+    critical = (good["half_width"] / good["std_error"]).to_numpy()
+    freedom = np.interp(-critical, -stdtrit(freedom, 0.975), freedom)
+    reach = 100.0 * stdtrit(freedom, 0.9995) * good["std_error"] / good["theta"].abs()
+    return ~(reach <= OFF_PERCENT)
 
 
 def markdown(rows: pd.DataFrame, seeds: int) -> str:
@@ -121,7 +134,7 @@ def markdown(rows: pd.DataFrame, seeds: int) -> str:
 
 def _table(part: pd.DataFrame) -> list[str]:
     lines = ["| method | records | converged, % | bias | largest | bias, % | largest | coverage, % "
-             "| largest z | / bound | off |", "|---|" + "---|" * 10]  # fmt: skip
+             "| largest z | / bound | off | unsaid |", "|---|" + "---|" * 11]  # fmt: skip
     for r in part.itertuples():
         cells = [
             r.estimator + ("†" if r.axes == "earlier" else ""),
@@ -133,6 +146,7 @@ def _table(part: pd.DataFrame) -> list[str]:
             cell(r.largest_z, ".1f"),
             cell(r.variance_over_bound, ".2f"),
             f"{r.off:.0f}",
+            cell(r.unsaid, ".0f"),
         ]
         lines.append("| " + " | ".join(cells) + " |")
     return lines
