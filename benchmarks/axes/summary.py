@@ -46,8 +46,8 @@ A study takes every fit as it is: that instruments contradict least squares, whi
 it has not converged, does not count here ([astray.md](astray.md) counts it).
 {earlier}"""
 EARLIER = """
-Methods with a dagger have not been run again: their rows are of an earlier state of the code, of all
-twelve axes, coverage with 1.96 standard errors, and the median of the variances as it is.
+Methods with a dagger have not been run again: their rows are of an earlier state of the code, of
+all twelve axes, coverage with 1.96 standard errors, and the median of the variances as it is.
 """
 VALVE = """## The valve
 
