@@ -63,6 +63,8 @@ def _new(log: str | None, out: Path | None, json: Path | None) -> None:
     """Guess columns, units, rate and law of a log, and write a commented axis file."""
     if log is None:
         raise DataError("ivtools axis new needs a log: ivtools axis new log.csv --out axis.toml")
+    if not options.is_file(log):
+        raise DataError(f"{log}: there is no such file; check the name and the folder")
     from ivtools.guess import first_axis
 
     found = first_axis(log)

@@ -15,7 +15,11 @@ from ivtools.cli.output import follow, show, write_json
 def benchmark(
     name: Annotated[
         str,
-        typer.Argument(metavar="NAME|FILE", help="A named study, or a study file (TOML, Python)."),
+        typer.Argument(
+            metavar="NAME|FILE",
+            callback=options.known_study,
+            help="A named study, or a study file (TOML, Python).",
+        ),
     ],
     jobs: Annotated[int, typer.Option("--jobs", help="Workers; -1 is one per core.")] = 1,
     seeds: Annotated[

@@ -40,7 +40,9 @@ def excite(
     model: Annotated[
         Path,
         typer.Argument(
-            metavar="MODEL", help="URDF or MJCF file, robot file, or axis file or registered axis."
+            metavar="MODEL",
+            callback=options.known_model,
+            help="URDF or MJCF file, robot file, or axis file or registered axis.",
         ),
     ],
     limits: Annotated[
@@ -48,6 +50,7 @@ def excite(
         typer.Option(
             "--limits",
             metavar="FILE",
+            callback=options.known_limits,
             help="TOML with [limits] and [joint.NAME.limits]: lower, upper, speed, acceleration, "
             "effort; before those of MODEL.",
         ),

@@ -65,6 +65,65 @@ def known_axis(axis: str | None) -> str | None:
     )
 
 
+def present(path: Path) -> Path:
+    """Refuse a model that is no file, before anything heavy is loaded."""
+    if not _exists(str(path)):
+        raise DataError(f"{path}: there is no such file; give a URDF or MJCF file")
+    return path
+
+
+def known_model(path: Path) -> Path:
+    """Refuse what is neither a file nor a registered axis, before anything heavy is loaded."""
+    from ivtools.axes import FILES
+
+    if str(path) not in FILES and not _exists(str(path)):
+        known = ", ".join(FILES)
+        raise DataError(f"{path}: there is no such file and no such axis ({known})")
+    return path
+
+
+def known_limits(path: Path | None) -> Path | None:
+    """Refuse a file of limits that is not there, before anything heavy is loaded."""
+    if path is not None and not _exists(str(path)):
+        raise DataError(
+            f"limits file {path}: No such file or directory; give the path of a TOML file"
+        )
+    return path
+
+
+def known_study(name: str) -> str:
+    """Refuse what is neither a named study nor a file, before anything heavy is loaded."""
+    import ivtools
+
+    folder = Path(ivtools.__file__).parent / "study" / "named"
+    names = sorted(file.stem for file in folder.glob("*.toml"))
+    if name in (*names, "leaderboard") or _exists(name):
+        return name
+    raise DataError(
+        f"{name} is neither a named study ({', '.join(names)}) nor a study file; give a .toml or "
+        ".py file"
+    )
+
+
+def a_folder(path: Path | None) -> Path | None:
+    """Refuse a folder that is none, before anything heavy is loaded."""
+    try:
+        there = path is None or path.expanduser().is_dir()
+    except (OSError, RuntimeError, ValueError):  # an unknown ~user, a name too long
+        there = False
+    if not there:
+        raise DataError(f"--data names {path}, which is no folder; mend or unset it")
+    return path
+
+
+def is_file(name: str) -> bool:
+    """Whether there is such a file, also below a home folder."""
+    try:
+        return Path(name).expanduser().exists()
+    except (OSError, RuntimeError, ValueError):
+        return False
+
+
 def _exists(name: str) -> bool:
     try:
         return Path(name).exists()
@@ -101,7 +160,9 @@ Holdout = Annotated[
 ]
 Data = Annotated[
     Path | None,
-    typer.Option("--data", metavar="DIR", help="Folder of the registered record files."),
+    typer.Option(
+        "--data", metavar="DIR", callback=a_folder, help="Folder of the registered record files."
+    ),
 ]
 FrictionModel = Annotated[
     Friction | None,

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from ivtools.robot import Robot
 
 app = typer.Typer(help="Robots: what a model says, and a draft of a robot file.")
-Model = Annotated[Path, typer.Argument(metavar="MODEL", help="URDF file, or MJCF (.xml).")]
+Model = Annotated[
+    Path,
+    typer.Argument(metavar="MODEL", callback=options.present, help="URDF file, or MJCF (.xml)."),
+]
 Joints = Annotated[
     str | None,
     typer.Option(
@@ -58,7 +61,13 @@ def info(model: Model, joints: Joints = None, json: options.Json = None) -> None
 def new(
     record: options.Record,
     urdf: Annotated[
-        Path, typer.Option("--urdf", metavar="MODEL", help="URDF file, or MJCF (.xml).")
+        Path,
+        typer.Option(
+            "--urdf",
+            metavar="MODEL",
+            callback=options.present,
+            help="URDF file, or MJCF (.xml).",
+        ),
     ],
     joints: Joints = None,
     gain: Annotated[float, typer.Option("--gain", help="Drive gain of every joint.")] = 1.0,

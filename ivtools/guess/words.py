@@ -27,11 +27,11 @@ _QUANTITIES: tuple[tuple[str, str], ...] = (
      "statusw controlw followingerr jerk ruck status | err lag diff acc ddq qdd mode state "
      "temp flag enable a"),
     ("velocity",
-     "geschw drehzahl veloc speed vitesse omega vitess velo snelheid predkosc hastighet | v "
-     "vel dq qd n w spd qdot rpm vact vsoll vist"),
+     "geschw drehzahl veloc speed vitesse omega vitess velo snelheid predkosc hastighet "
+     "rychlost | v vel dq qd n w spd qdot dot thetad xd rpm vact vsoll vist"),
     ("time",
      "zeit time stamp temps tiempo tempo uhr clock millis sekunde | tijd czas tid ido t ts "
-     "sec zyklus cycle index sample nr idx k"),
+     "sec secs elapsed zyklus cycle index sample nr idx k"),
     ("force",
      "moment torque kraft force couple effort trq coppia koppel | par tau mom frc f m tq"),
     ("current",
@@ -40,9 +40,9 @@ _QUANTITIES: tuple[tuple[str, str], ...] = (
     ("voltage",
      "spannung voltage tension pwm duty analogout | u dac volt uq"),
     ("position",
-     "posit posic pozic pozyc positie lage winkel vinkel angle encoder angolo stellung "
-     "deplacement angul istweg sollweg rotor | pos q x y phi theta th enc ang alpha weg s z "
-     "p"),
+     "posit posiz posic poloh konum pozic pozyc positie lage winkel vinkel angle encoder angolo "
+     "stellung deplacement angul istweg sollweg rotor | pos q x y phi theta th enc ang alpha weg s z "
+     "p px pfb pv"),
     ("command",
      "stell command ausgang output ctrl control regler commande stuursign beavatkoz | nu "
      "cmd out mv"),
@@ -58,6 +58,7 @@ _ACTUAL = (
 )
 #: Words in other scripts, and what they mean.
 _SCRIPTS = {
+    "角度": "angle", "時刻": "time",
     "时间": "time", "時間": "time", "время": "time", "位置": "position", "положен": "position",
     "позици": "position", "угол": "angle", "速度": "speed", "转速": "speed", "скорост": "speed",
     "оборот": "speed", "转矩": "torque", "力矩": "torque", "扭矩": "torque", "トルク": "torque",
@@ -117,6 +118,8 @@ def read(name: str) -> Said:
         side = "actual" if actual else "reference" if _holds(_REFERENCE, "", tokens) else ""
     if not quantity and unit:
         quantity = _of_unit(unit)
+    if quantity == "command" and side == "reference" and tokens & {"q", "x", "p"}:
+        quantity = "position"  # q_cmd
     return Said(quantity, side, unit)
 
 
