@@ -41,8 +41,8 @@ _QUANTITIES: tuple[tuple[str, str], ...] = (
      "spannung voltage tension pwm duty analogout | u dac volt uq"),
     ("position",
      "posit posiz posic poloh konum pozic pozyc positie lage winkel vinkel angle encoder angolo "
-     "stellung deplacement angul istweg sollweg rotor | pos q x y phi theta th enc ang alpha weg s z "
-     "p px pfb pv"),
+     "stellung deplacement angul istweg sollweg rotor | pos q x y phi theta th enc ang alpha weg s "
+     "z p px pfb pv"),
     ("command",
      "stell command ausgang output ctrl control regler commande stuursign beavatkoz | nu "
      "cmd out mv"),
