@@ -32,6 +32,7 @@ from .rules import (
     BEYOND,
     COMMON,
     DESCRIBED,
+    OVER_FLOOR,
     PARITY_POOR,
     REPEATS,
     SATURATED,
@@ -312,7 +313,8 @@ def _answer(
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
     changed = verdict.changes(result, task.tolerance) if repeats < REPEATS else {}
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
-    outside = word == "unexplained" and after > DESCRIBED and left is None
+    nameless = word == "unexplained" and after > DESCRIBED and left is None
+    outside = nameless and shrink.after > OVER_FLOOR * shrink.floor
     found = [*found, verdict.outside()] if outside else found
     return Diagnosis(
         verdict=word,

@@ -174,6 +174,7 @@ def _state_space(s: Settings, dt: float, taps: Array) -> LinearLaw:
 # --- from the coefficients of a regression ------------------------------------------------------
 
 _SNAP = 0.02  # a weight of the velocity reference nearer to 0 or 1 is meant to be that
+_COMPLEX, _APART = 0.5, 0.2  # roots of two gains that are nearly one, of their sum
 _SAMPLED = 0.1  # of a weight of 1 that sampling may make
 
 
@@ -225,9 +226,9 @@ def _to_p_pi(found: Mapping[str, float]) -> list[dict[str, float]]:
         if abs(1.0 - c["c"]) > _SAMPLED:
             return weighted
     inner = outer**2 - 4.0 * found["int e"] / kv
-    if inner < -_SNAP * outer**2:
+    if inner < -_COMPLEX * outer**2:
         return weighted
-    root = np.sqrt(max(inner, 0.0))
+    root = max(float(np.sqrt(max(inner, 0.0))), _APART * outer)  # as one, nothing moves them apart
     gains = (float(outer - root) / 2.0, float(outer + root) / 2.0)
     plain = {} if weighted else c
     return [*weighted, *({"kp": kp, "kv": kv, "ki": outer - kp} | plain for kp in gains)]
