@@ -126,7 +126,10 @@ def frame_table(frame: pd.DataFrame, layout: RecordFormat) -> dict[str, NDArray[
 
 
 def _joined(
-    pieces: Iterable[pd.DataFrame], names: list[str], layout: RecordFormat | None
+    pieces: Iterable[pd.DataFrame],
+    names: list[str],
+    layout: RecordFormat | None,
+    decimal: str = ".",
 ) -> dict[str, NDArray[np.float64]]:
     """Return the columns of pieces of a table, one below the other, as numbers.
 
@@ -148,10 +151,10 @@ def _joined(
             if i in clocks:
                 kept[i].append(clocks[i].seconds(names[i], column, spoilt))
             elif names[i] in wanted:
-                kept[i].append(_numbers(names[i], column, n, spoilt))
+                kept[i].append(_numbers(names[i], column, n, spoilt, decimal))
             elif column.dtype.kind in "biuf":
                 kept[i].append(column.to_numpy(dtype=float))
-            elif (numbers := _mostly(column)) is not None:
+            elif (numbers := _mostly(column, decimal)) is not None:
                 kept[i].append(numbers)
             elif layout is None and column.notna().sum() == 0:
                 kept[i].append(np.full(len(column), np.nan))
@@ -220,26 +223,28 @@ def _wanted(names: list[str], layout: RecordFormat | None) -> set[str]:
     return {name for group in found.values() for name in group}
 
 
-def _plain_numbers(column: pd.Series) -> pd.Series:
+def _plain_numbers(column: pd.Series, decimal: str) -> pd.Series:
     """Return cells as numbers, marks between thousands left out, and NaN where there is none."""
     import pandas as pd
 
     text = column.astype(str).str.strip()
+    if decimal == ",":
+        text = text.str.replace(".", "'", regex=False).str.replace(",", ".", regex=False)
     marked = text.str.fullmatch(_THOUSANDS)
     text = text.where(~marked, text.str.replace(r"[^\d.+-]", "", regex=True))
     return pd.to_numeric(text, errors="coerce")
 
 
-def _mostly(column: pd.Series) -> NDArray[np.float64] | None:
+def _mostly(column: pd.Series, decimal: str) -> NDArray[np.float64] | None:
     """Return a column whose cells are numbers but for some; None if there are too many others."""
     if column.dtype.kind not in "OTU" and str(column.dtype) not in ("str", "string"):
         return None
-    numbers = _plain_numbers(column).to_numpy(dtype=float)
+    numbers = _plain_numbers(column, decimal).to_numpy(dtype=float)
     return numbers if np.isfinite(numbers).mean() > _MOSTLY else None
 
 
 def _numbers(
-    name: str, column: pd.Series, first: int = 0, spoilt: bool = False
+    name: str, column: pd.Series, first: int = 0, spoilt: bool = False, decimal: str = "."
 ) -> NDArray[np.float64]:
     """Return a column as numbers; cells that are none are NaN if it may be `spoilt`."""
     import pandas as pd
@@ -248,7 +253,7 @@ def _numbers(
         raise RecordError(f"{shown(name)} holds dates; give seconds from the start of the record")
     if pd.api.types.is_numeric_dtype(column) and column.dtype.kind != "c":
         return column.to_numpy(dtype=float, na_value=np.nan)
-    numbers = _plain_numbers(column)
+    numbers = _plain_numbers(column, decimal)
     text = (numbers.isna() & column.notna()).to_numpy()
     if text.any() and not spoilt:
         row = int(np.argmax(text))
@@ -313,7 +318,7 @@ def _read_csv(path: Path, layout: RecordFormat | None) -> tuple[dict[str, Any], 
             low_memory=False,
             chunksize=max(_PIECE // len(found.names), 100),
         )
-        return _joined(pieces, list(found.names), layout), found.notes
+        return _joined(pieces, list(found.names), layout, found.decimal), found.notes
 
 
 def _read_parquet(
