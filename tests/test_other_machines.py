@@ -10,6 +10,7 @@ from conftest import measured
 from ivtools import IDIMIV, IDIMLS, Pipeline, Problem, axes, datasets
 from ivtools.errors import IVToolsError
 from ivtools.gap import Diagnosis, diagnose
+from ivtools.gap.hanging import hanging
 from ivtools.loop.controllers import Seen
 from ivtools.loop.rough_inertia import shown_inertia
 from ivtools.record import Record
@@ -139,6 +140,30 @@ def test_gravity_is_named_where_the_model_lacks_it(name):
     assert found.effects == ("gravity",)
     assert found.parameters["gravity"]["sin"] == pytest.approx(3.6, rel=0.2)  # N m
     assert found.shrink.closed > 0.5 and "the sign" not in said(found)
+
+
+def test_gravity_is_named_where_no_law_is_known():
+    """The drive of one runs on what is not logged, the other follows no reference.
+
+    What the weight makes of the inertia knows no scale of the torque, and agrees between all four.
+    """
+    known = {name: hanging(measured(f"dfki-pendulum-{name}"), axes.dfki_pendulum())
+             for name in [*SWINGS, "energy-shaping"]}  # fmt: skip
+    assert all(one is not None for one in known.values())
+    inertia = {k: np.sqrt(np.prod(one.inertia)) for k, one in known.items()}
+    ratio = np.array([known[k].sin / inertia[k] for k in known])
+    assert np.ptp(ratio) < 0.1 * ratio.mean()
+    for values in ([known[k].sin for k in SWINGS], [inertia[k] for k in SWINGS]):
+        assert np.ptp(values) < 0.1 * np.mean(values)
+    for name in ("pd", "energy-shaping"):
+        found = diagnosed(f"dfki-pendulum-{name}")
+        assert found.effects == ("gravity",) and found.verdict == "partial"
+        assert "without a simulation" in said(found)
+
+
+@pytest.mark.parametrize("name", [*MOTORS, "quanser-flexible-link"])
+def test_no_gravity_is_seen_where_none_acts(name):
+    assert hanging(measured(name), axis_of(name)) is None
 
 
 # --- the flexible link --------------------------------------------------------------------------

@@ -93,9 +93,7 @@ def known_limits(path: Path | None) -> Path | None:
 
 def known_study(name: str) -> str:
     """Refuse what is neither a named study nor a file, before anything heavy is loaded."""
-    import ivtools
-
-    folder = Path(ivtools.__file__).parent / "study" / "named"
+    folder = Path(__file__).parents[1] / "study" / "named"
     names = sorted(file.stem for file in folder.glob("*.toml"))
     if name in (*names, "leaderboard") or _exists(name):
         return name

@@ -25,6 +25,7 @@ from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
 from .floor import Measured
 from .fold import Fold, Side, usable
+from .hanging import hanging
 from .library import Scales
 from .parity import Parity
 from .rules import (
@@ -187,6 +188,10 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
         preflight.require(one)
     say("controller parity")
     task, parts = _unbroken(task)
+    if preflight.lawless(task.record, task.loop):
+        text = "no reference is in the record, so no control law can be read from it; for the "
+        remedy = 'force over the motion alone write [controller] kind = "none"'
+        return _refused(task.record, task.loop, (), [preflight.Finding(text + remedy), *parts])
     law = preflight.identified(task.record, task.loop)
     task, loop, note = _followed(task)
     record, holdout, law = task.record, task.holdout, [*law, *note, *parts]
@@ -464,14 +469,21 @@ def _first_half(record: Record) -> NDArray[np.bool_]:
 def _refused(
     record: Record, loop: ClosedLoop, checked: tuple[Parity, ...], found: list[preflight.Finding]
 ) -> Diagnosis:
-    """Report what is wrong with the input instead of naming an effect."""
+    """Report what is wrong with the input instead of naming an effect simulated.
+
+    Without a control law gravity shows all the same.
+    """
     controller = any(not p.trustworthy for p in checked)
+    own = hanging(record, loop) if controller or not checked else None
+    if own is not None:
+        found = [*found, preflight.Finding(own.text, fatal=False)]
+        loop = loop.with_terms(*(t.name for t in loop.terms), "gravity")
     return Diagnosis(
-        verdict="unexplained",
-        effects=(),
-        ambiguous_with={},
-        parameters={},
-        block="controller" if controller else None,
+        verdict="unexplained" if own is None else "partial",
+        effects=() if own is None else ("gravity",),
+        ambiguous_with={} if own is None else {"gravity": []},
+        parameters={} if own is None else {"gravity": {"sin": own.sin, "cos": own.cos}},
+        block="controller" if controller else None if own is None else "mechanics",
         regions=(),
         shrink=None,
         ranking=(),

@@ -216,12 +216,17 @@ class Diagnosis:
             lines.append(f"block of the loop: {self.block}")
         return [*lines, *self._figures()]
 
+    def chance(self, effect: str) -> str:
+        """Return how likely a name is, in brackets; nothing where no simulation tells."""
+        likely = self.probability.get(effect)
+        return "" if likely is None else f" ({100 * likely:.0f} % likely)"
+
     def _named(self, effect: str) -> list[str]:
         """Return what is said of a named effect."""
         values = ", ".join(f"{k} {self.value(effect, k)}" for k in self.parameters.get(effect, {}))
         twins = self.ambiguous_with.get(effect, [])
         other = f"; the records cannot tell it from {' or '.join(twins)}" if twins else ""
-        chance = f" ({100 * self.probability[effect]:.0f} % likely)"
+        chance = self.chance(effect)
         lines = _wrapped(f"{effect}{chance}: {values}{other}", "  ")
         for replica in (r for r in self.replicas if r.effect == effect):
             lines += _wrapped(f"  {replica.short}", "    ")

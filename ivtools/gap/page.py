@@ -171,7 +171,7 @@ def effects_text(diagnosis: Diagnosis) -> list[str]:
         values = ", ".join(f"{k} {_seen(replica, k)}" for k in replica.values) if replica else ""
         text = f"{effect}: {values}" if values else effect
         if effect in diagnosis.probability:
-            text += f" ({100 * diagnosis.probability[effect]:.0f} % likely)"
+            text += diagnosis.chance(effect)
         twins = " or ".join(diagnosis.ambiguous_with.get(effect, ()))
         told.append(f"{text}; may also be {twins}" if twins else text)
     return told

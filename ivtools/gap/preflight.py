@@ -174,6 +174,12 @@ def _smooth(record: Record, hz: float) -> Motion:
     return Pipeline(min(20.0 * hz, 0.2 * record.sampling_hz), 1).differentiate(record.q, record.dt)
 
 
+def lawless(record: Record, loop: ClosedLoop) -> bool:
+    """Whether a law is to be read from a record without any reference."""
+    unknown = loop.controller.kind == "identify"
+    return unknown and record.q_ref is None and record.dq_ref is None
+
+
 def identified(record: Record, loop: ClosedLoop) -> list[Finding]:
     """Say which control law is taken, if the axis file leaves it to the record.
 

@@ -125,6 +125,15 @@ COMMON = 0.3
 #: Numbers of stretches into which a record that judges itself may be cut (training).
 STRETCHES = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 
+# --- hanging: gravity without a control law ------------------------------------------------------
+
+#: Cut-off in median frequencies of the motion (judgement: above harmonics of a swing).
+SWINGS = 5.0
+#: Share of the acceleration's remainder that gravity must explain on the other half (judgement).
+HANGS = 0.5
+#: Factor between the two halves' gravity over inertia at most (as for other effects).
+HANGS_ALIKE = 1.67
+
 # --- library: where a search begins ------------------------------------------------------------
 
 #: Correlation with the command from which a further column of the law is no other body (judgement).
