@@ -124,3 +124,24 @@ def test_velocity_loops_need_no_position_reference():
     found = replace(loop, controller=UNKNOWN).identify_controller(bare)[1].controller
     assert found.kind == "pi-velocity"
     assert gains(found) == pytest.approx(gains(loop.controller), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("kp", "ki", "clip"),
+    [(21.8, 13.6, None), (18.4, 11.5, None), (15.0, 14.0, None), (11.0, 6.9, 0.8)],
+)
+def test_a_servo_whose_two_gains_are_near_each_other_is_no_pid(kp, ki, clip):
+    """At 250 Hz the sampled integral of the velocity reference is ahead by ki dt / 2."""
+    rng = np.random.default_rng(3)
+    loop, theta, stroke = populations.axis(rng, "revolute")
+    law = Controller("p-pi", {"kp": kp, "kv": 60.0 * theta["inertia"] / loop.gain, "ki": ki})
+    record = populations.reference(rng, 2500, 250.0, stroke)
+    white = 1e-5 * stroke * rng.normal(size=record.n_samples)
+    for _ in range(1 if clip is None else 2):  # the second time below a limit
+        loop = replace(loop, controller=law)
+        made = loop.simulate(record, theta, initial="rest", position_noise=white)
+        law = replace(law, limit=(clip or 1.0) * float(np.abs(made.nu).max()))
+    record = record.replace(q=made.q, nu=made.nu)
+    found = replace(loop, controller=UNKNOWN).identify_controller(record)[1].controller
+    assert found.kind == "p-pi"
+    assert gains(found) == pytest.approx(gains(law), rel=0.01)

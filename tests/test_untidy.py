@@ -106,3 +106,17 @@ def test_a_time_of_the_day_is_in_seconds_whatever_the_header_says(turning, tmp_p
 def test_unknown_ways_are_refused():
     with pytest.raises(RecordError, match='rows = "some"|rows = \'some\'; it is "refuse"'):
         RecordFormat(rows="some")
+
+
+def test_a_command_that_counts_the_other_way(turning, tmp_path):
+    other = {**turning, "nu": -turning["nu"]}
+    found = first_axis(written(tmp_path / "log.csv", rows_of(other)))
+    assert found.loop.gain == -1.0 and found.params["inertia"] == pytest.approx(0.01, rel=0.05)
+    assert any("opposite sign" in doubt for doubt in found.doubts)
+
+
+def test_rows_that_are_numbered_get_their_rate_from_the_velocity(turning, tmp_path):
+    rows = {"t": np.arange(2000), **{k: turning[k] for k in ("q_ref", "q")}}
+    rows |= {"dq": np.gradient(turning["q"]) * RATE, "nu": turning["nu"]}
+    head = "Sample\tTarget angle [rad]\tAngle [rad]\tSpeed [rad/s]\tTorque [Nm]"
+    assert first_axis(written(tmp_path / "log.csv", rows_of(rows), head)).record.dt == 1 / RATE

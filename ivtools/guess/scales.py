@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 TURNS = {TURN: "rad", 360.0: "deg", 1.0: "rev"}
 _SPOILT = 0.1  # share of the cells of a column that may be no numbers
 _RATES = (18.0, 30_000.0)  # Hz; what loggers of controlled axes do
+_USUAL = (50.0, 100.0, 125.0, 200.0, 250.0, 400.0, 500.0, 800.0, 1e3, 2e3, 4e3, 5e3, 8e3, 1e4, 2e4)
 _SPEEDS = {
     "prismatic": ("m/s", "mm/s", "mm/min", "m/min", "cm/s", "um/s", "inch/s"),
     "revolute": ("rad/s", "deg/s", "rpm", "rev/s", "mrad/s"),
@@ -127,6 +128,12 @@ def _clock(
 ) -> float:
     """Find the unit of the time and the rate; return the step, s."""
     told = _told_rate(preamble)
+    if "t" not in roles.columns or (np.diff(table[roles.columns["t"]]) == 1.0).all():
+        moved = None if told or "t" in scales.units else _moved_rate(scales, table, roles)
+        if moved:
+            scales.doubts.append(f"rate = {moved:g} Hz is told by dq, the derivative of q, alone")
+            roles.columns.pop("t", None)
+        told = told or moved
     if "t" not in roles.columns:
         scales.rate = told or 1000.0
         if not told:
@@ -152,6 +159,20 @@ def _clock(
     if not scales.gaps and late > 0.009 or scales.gaps and clock.jitter > 0.009:
         scales.rate = clock.rate
     return 1.0 / clock.rate
+
+
+def _moved_rate(scales: Scales, table: Mapping[str, Array], roles: Roles) -> float | None:
+    """Return the rate at which a velocity is the derivative of the position, Hz, if units say."""
+    if not {"q", "dq"} <= {*scales.units} & {*roles.columns}:
+        return None
+    place, fast = (parse(scales.units[s]) for s in ("q", "dq"))
+    if (place.si, fast.si) not in (("m", "m/s"), ("rad", "rad/s")):
+        return None
+    per_row = _ratio(table[roles.columns["q"]], table[roles.columns["dq"]], 1.0)
+    rate = fast.factor / place.factor / per_row if per_row > 0.0 else 0.0
+    if not _RATES[0] < rate < _RATES[1]:
+        return None
+    return next((r for r in _USUAL if abs(r / rate - 1.0) < _NEAR), float(f"{rate:.3g}"))
 
 
 def _plausible(step: float, told: float | None) -> bool:
