@@ -37,6 +37,8 @@ CODE = r"(?P<code>^```(?!math).*?^```|^(?: {4}|\t).*?$|(?<!\$)`[^`\n]+`)"
 FORMULA = r"^ *```math\n(?P<fence>.*?)^ *```|\$`(?P<tick>[^`$]+)`\$|\$\$(?P<block>.+?)\$\$|(?<![\w$])\$(?P<line>[^$\n`]+)\$(?!\w)"  # noqa: E501
 TEXT = re.compile(f"{FORMULA}|{CODE}", re.M | re.S)
 LINK = re.compile(r"(\]\(|(?:src|href)=\")([^)\"\s]+)")
+SEARCH = 'data-md-component="search" aria-label="Search"'
+OUTPUT = 'class="output" tabindex="0" role="group" aria-label="Output"'  # it scrolls: keys reach it
 _kept: dict[str, str] = {}
 
 
@@ -87,6 +89,7 @@ def on_post_page(output: str, page: Any, **_: Any) -> str:
     """Take the search's helper from the site itself; nothing is loaded from anywhere else."""
     here = relpath("theme/iframe-worker.js", str(PurePosixPath(page.file.dest_uri).parent))
     output = output.replace("https://unpkg.com/iframe-worker/shim", here)
+    output = output.replace('data-md-component="search" role="dialog"', f'{SEARCH} role="dialog"')
     loads = r'<(?:script|img|iframe)[^>]*src="(https?:[^"]+)|<link[^>]*href="(https?:[^"]+)'
     if found := [a or b for a, b in re.findall(loads, output)]:
         raise PluginError(f"{page.file.src_uri} loads {found[0]} from elsewhere")
@@ -118,9 +121,7 @@ def notebook(path: Path) -> str:
             parts.append(source)
         else:
             parts.append(f"```python\n{source}\n```")
-            parts += [
-                _keep(f'<div class="output">{_shown(output)}</div>') for output in cell["outputs"]
-            ]
+            parts += [_keep(f"<div {OUTPUT}>{_shown(output)}</div>") for output in cell["outputs"]]
     return "\n\n".join(parts)
 
 

@@ -1,5 +1,8 @@
 """Pages in a real browser: they ask for nothing, complain of nothing, and all can read them."""
 
+import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -14,6 +17,7 @@ from ivtools.pages import comparison_page, fit_page
 from ivtools.study import Trapezoids
 
 By = pytest.importorskip("selenium.webdriver.common.by", reason="needs selenium").By
+ROOT = Path(__file__).parents[1]
 LARGEST = 1_500_000  # bytes of the page of a diagnosis of 25 s
 
 
@@ -146,3 +150,29 @@ def test_a_chart_is_moved_with_the_keyboard(chrome, pages):
     panels.send_keys("0")
     time.sleep(0.1)
     assert chrome.execute_script(view) == whole
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """The documentation, built as `make docs` does."""
+    pytest.importorskip("mkdocs", reason="needs pip install mkdocs-material")
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", folder]
+    subprocess.run(command, check=True, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"})
+    return folder
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_axe_finds_no_serious_fault_on_the_site(site, dark, tmp_path):
+    script, own = axe(), driver(tmp_path)  # a browser of its own: the site remembers its colours
+    sized(own, 1280, dark)
+    for name in ("index", "methods", "faq", "notebooks/06_the_sim_to_real_gap"):
+        own.get((site / f"{name}.html").as_uri())
+        scheme = own.execute_script("return document.body.dataset.mdColorScheme")
+        assert scheme == ("slate" if dark else "default")
+        assert not faults(own, script), name
+        asked = [
+            a for a in requests(own) if not a.startswith(("file:", "data:", "about:", "blob:"))
+        ]
+        assert not asked, f"{name} asks for {asked}"
+    own.quit()
