@@ -96,16 +96,15 @@ def describe(fits: Sequence[Fit]) -> Discrepancy | None:
     found = _described(fits)
     if found is None or not found.over:
         return None
-    force = [F @ found.beta for F in found.forces]
     own = [_base_forces(f, r) for f, r in zip(fits, found.runs, strict=True)]
     beyond = [
-        _beyond(x[f.fold.keep], B) for f, x, B in zip(fits, force, own, strict=True)
+        _beyond(x[f.fold.keep], B) for f, x, B in zip(fits, found.force, own, strict=True)
     ]  # fmt: skip
     whole = float(np.sqrt(np.mean(np.concatenate(beyond) ** 2)))
     if whole < DISCREPANCY_SIZE * min(f.force_rms for f in fits):
         return None
     unit = "N" if fits[0].loop.joint == "prismatic" else "N m"
-    curve = _curve(found.basis, found.over[0], found.runs, force)
+    curve = _curve(found.basis, found.over[0], found.runs, found.force)
     return Discrepancy(whole, unit, found.over, found.gain, curve)
 
 
@@ -118,10 +117,8 @@ class Spline:
     basis : Basis
     runs : tuple of Simulation
         Of the model, on each fold.
-    forces : tuple of ndarray, (n_samples, m)
-        Its columns, on each fold.
-    beta : ndarray, (m,)
-        Of both folds together.
+    force : tuple of ndarray, (n_samples,)
+        What it is on each fold, from both together, N or N m.
     over : tuple of str
         What it depends on, in the order in which it was found; empty if nothing repeats.
     gain : float
@@ -132,8 +129,7 @@ class Spline:
 
     basis: Basis
     runs: tuple[Simulation, ...]
-    forces: tuple[Array, ...]
-    beta: Array
+    force: tuple[Array, ...]
     over: tuple[str, ...]
     gain: float
     left: tuple[Array, ...]
@@ -174,7 +170,7 @@ def fitted(fits: Sequence[Fit]) -> Spline | None:
         over, now = then.over, then
     beta = search.common(now) if over else np.zeros(forces[0].shape[1])
     left = tuple(e + a for e, a in zip(search.rests, now.answers, strict=True))
-    return Spline(basis, runs, forces, beta, over, now.gain, left)
+    return Spline(basis, runs, tuple(F @ beta for F in forces), over, now.gain, left)
 
 
 def advantage(before: Sequence[Fit], after: Sequence[Fit]) -> float:
@@ -198,14 +194,16 @@ def advantage(before: Sequence[Fit], after: Sequence[Fit]) -> float:
     return float(np.sum(saved)) / max(float(np.linalg.norm(saved - saved.mean())), 1e-300)
 
 
-#: Descriptions of what fits leave, as long as the fits are there.
-_DESCRIBED: WeakKeyDictionary[Fit, Spline | None] = WeakKeyDictionary()
+#: Descriptions of what fits leave, as long as the first of them is there, with the second.
+_DESCRIBED: WeakKeyDictionary[Fit, tuple[Fit, Spline | None]] = WeakKeyDictionary()
 
 
 def _described(fits: Sequence[Fit]) -> Spline | None:
-    if fits[0] not in _DESCRIBED:
-        _DESCRIBED[fits[0]] = fitted(fits)
-    return _DESCRIBED[fits[0]]
+    one, two = fits
+    found = _DESCRIBED.get(one)
+    if found is None or found[0] is not two:  # the same fit may be one of another pair
+        found = _DESCRIBED[one] = two, fitted(fits)
+    return found[1]
 
 
 def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ...]:
