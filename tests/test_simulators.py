@@ -1,10 +1,13 @@
 """A user's own simulator: what it lacks is found, and written back into it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import ivtools as iv
 from ivtools.errors import DataError, IVToolsError, RecordError
+from ivtools.gap.confirm import confirm
 from ivtools.simulators.difference import difference, together
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -110,6 +113,30 @@ def test_any_function_is_a_simulator(loop, short, give):
     back = mine.simulate(short)
     assert np.allclose(back.q, loop.simulate(short, THETA).q, atol=1e-12)
     assert np.array_equal(back.q_ref, short.q_ref)
+
+
+def test_a_simulator_that_can_be_run_confirms_its_changes(loop, short):
+    real = log(loop.with_effect("cogging", cosine=2.5, sine=1.0, period=0.004), short, noise=1.0)
+    start = {**THETA, "inertia": 90.0}
+    gap = iv.diagnose(real, loop, simulated=replace(loop, start=start))
+    assert gap.effects == ("cogging",)
+    shown = gap.confirmed
+    assert shown.before > 1.5 * shown.after
+    assert shown.after == pytest.approx(shown.predicted, rel=0.1)
+    assert shown.text in " ".join(gap.summary().split())
+    assert gap.to_dict()["confirmed"]["after"] == shown.after
+
+    def changed(gap):
+        return lambda record: replace(gap.loop, start=gap.theta).simulate(record)
+
+    def follow(record):
+        return loop.simulate(record, start)
+
+    mine = iv.Simulator.from_function(follow, start, change=changed)
+    assert np.allclose(mine.simulate_changed(real, gap).nu, changed(gap)(real).nu)
+    unable = confirm(gap, iv.Simulator.from_function(follow), real)
+    assert unable.before == pytest.approx(shown.before) and np.isnan(unable.after)
+    assert "make them" in unable.text and unable.to_dict()["after"] is None
 
 
 @pytest.mark.parametrize("wrong", [3.0, None, {"q": np.zeros(3)}, {"x": np.zeros(3)}, "text"])

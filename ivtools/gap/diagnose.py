@@ -13,14 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ..errors import EstimationError, IVToolsError
+from ..errors import EstimationError, IVToolsError, RecordError
 from ..loop import ClosedLoop
 from ..loop.rough_inertia import rough_inertia
 from ..physics import Term
 from ..record import Record
+from ..simulators.protocol import Simulator
 from . import advice, discrepancy, floor, locate, parity, preflight, quantify, response, verdict
 from .against import against
 from .attribute import Attribution, attribute, cost, probability
+from .confirm import confirm, run
 from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
 from .floor import Measured
@@ -53,7 +55,7 @@ def diagnose(
     loop: ClosedLoop,
     holdout: Record | None = None,
     *,
-    simulated: Record | None = None,
+    simulated: Record | Simulator | None = None,
     simulated_holdout: Record | None = None,
     judge: Record | None = None,
     tolerance: float = TOLERANCE,
@@ -76,7 +78,9 @@ def diagnose(
         takes part in the choice of effects, so its figures are a little too good.
     simulated, simulated_holdout : Record, optional
         What a simulator of your own did on the reference of the record, and of the holdout. Then
-        the question is what *it* lacks, and `Diagnosis.changes` says what to change in it.
+        the question is what *it* lacks, and `Diagnosis.changes` says what to change in it. Instead
+        of the logs a `Simulator` may be given: it is run on both references, and once more with the
+        changes, where it can; `Diagnosis.confirmed` has the errors.
     judge : Record, optional
         A third record of the same axis that takes part in nothing: its figures are clean.
     tolerance : float
@@ -118,7 +122,16 @@ def diagnose(
     with _one_blas_thread():
         if simulated is None:
             return found(record, holdout)
-        return against(record, loop, holdout, simulated, simulated_holdout, found)
+        if not isinstance(simulated, Simulator):
+            return against(record, loop, holdout, simulated, simulated_holdout, found)
+        if simulated_holdout is not None:
+            raise RecordError(
+                "simulated is a simulator, which is run on the holdout as well; "
+                "leave simulated_holdout out"
+            )
+        logs = [None if real is None else run(simulated, real) for real in (record, holdout)]
+        lacks = against(record, loop, holdout, logs[0], logs[1], found)
+        return replace(lacks, confirmed=confirm(lacks, simulated, holdout or record))
 
 
 class _Task(NamedTuple):

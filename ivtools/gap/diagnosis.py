@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ..report import Page
     from ..simulators.mjcf_export import Export
     from .against import Change
+    from .confirm import Confirmation
 
 Array = NDArray[np.float64]
 
@@ -78,6 +79,8 @@ class Diagnosis:
         With a simulator's log: each parameter there, on the axis, and the change to make.
     surplus : tuple of str
         Named effects that the simulator has and the axis has not.
+    confirmed : Confirmation or None
+        With a simulator that can be run: its errors as it is, and with the changes.
     changed : mapping
         Base parameters that differ between the records, by name.
     discrepancy : Discrepancy or None
@@ -112,6 +115,7 @@ class Diagnosis:
     changed: dict[str, Setting] = field(default_factory=dict)
     discrepancy: Discrepancy | None = None
     tolerance: float = TOLERANCE
+    confirmed: Confirmation | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of ``ivtools diagnose``."""
@@ -142,6 +146,7 @@ class Diagnosis:
             if self.changes is None
             else {name: change.to_dict() for name, change in self.changes.items()},
             "surplus": list(self.surplus),
+            "confirmed": None if self.confirmed is None else self.confirmed.to_dict(),
         }
 
     def summary(self) -> Text:
@@ -259,7 +264,8 @@ class Diagnosis:
 
     def _notes(self) -> list[str]:
         together = [f"{e} shows only once the other effects are in the model" for e in self.beside]
-        return [*(f.text for f in self.findings), *together, *self.advice]
+        shown = [] if self.confirmed is None else [self.confirmed.text]
+        return [*(f.text for f in self.findings), *shown, *together, *self.advice]
 
     @property
     def beside(self) -> tuple[str, ...]:

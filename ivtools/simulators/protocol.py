@@ -11,6 +11,7 @@ from ivtools.errors import DataError, IVToolsError
 from ivtools.record import Record
 
 if TYPE_CHECKING:
+    from ivtools.gap import Diagnosis
     from ivtools.loop import Simulation
 
 
@@ -33,7 +34,11 @@ class Simulator(ABC):
 
     @abstractmethod
     def simulate(self, record: Record) -> Record | Simulation:
-        """Return what the simulated axis did on this record's reference."""
+        """Return what the simulated axis did on this record's reference.
+
+        A simulator may also have ``simulate_changed(record, found)``, which does the same with the
+        changes of a `Diagnosis` made.
+        """
 
     @classmethod
     def __subclasshook__(cls, other: type) -> Any:
@@ -46,6 +51,7 @@ class Simulator(ABC):
         function: Callable[[Record], Any],
         parameters: Mapping[str, float] | None = None,
         units: Mapping[str, str] | None = None,
+        change: Callable[[Diagnosis], Callable[[Record], Any]] | None = None,
     ) -> FunctionSimulator:
         """Make a simulator of a function.
 
@@ -57,6 +63,9 @@ class Simulator(ABC):
             (n_samples,) each, in SI.
         parameters, units : mapping, optional
             What the simulator calls its parameters, and their units.
+        change : callable, optional
+            Takes a `Diagnosis` and returns the function with its changes made: a diagnosis then
+            says what they bring.
 
         Examples
         --------
@@ -72,7 +81,7 @@ class Simulator(ABC):
         >>> mine.simulate(iv.datasets.twin()).n_joints
         1
         """
-        return FunctionSimulator(function, dict(parameters or {}), dict(units or {}))
+        return FunctionSimulator(function, dict(parameters or {}), dict(units or {}), change)
 
 
 @dataclass(frozen=True)
@@ -82,6 +91,7 @@ class FunctionSimulator(Simulator):
     function: Callable[[Record], Any]
     parameters: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    change: Callable[[Diagnosis], Callable[[Record], Any]] | None = None
 
     def simulate(self, record: Record) -> Record:
         """Return what the function says of this record, with the record's own reference.
@@ -92,6 +102,18 @@ class FunctionSimulator(Simulator):
             If what comes back is not a log of the same reference.
         """
         return logged(self.function(record), record)
+
+    def simulate_changed(self, record: Record, found: Diagnosis) -> Record:
+        """Return what the function says once the changes of a diagnosis are made in it.
+
+        Raises
+        ------
+        DataError
+            If what comes back is no log, or `change` was not given.
+        """
+        if self.change is None:
+            raise DataError("make them in your simulator; from_function(change=) lets us try")
+        return logged(self.change(found)(record), record)
 
 
 def logged(done: Any, record: Record) -> Record:

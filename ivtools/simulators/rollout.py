@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from tempfile import NamedTemporaryFile
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,9 @@ from ivtools.record import Record
 from ivtools.robot.mjcf import engine
 from ivtools.simulators.digital import DigitalLaw
 from ivtools.simulators.mjcf import Axis, closed_loop
+
+if TYPE_CHECKING:
+    from ivtools.gap import Diagnosis
 
 Array = NDArray[np.float64]
 
@@ -131,6 +135,24 @@ class MujocoSimulator:
             **{k: v for k, v in kept.items() if v is not None},
         )
 
+    def simulate_changed(self, record: Record, found: Diagnosis) -> Record:
+        """Return what the model does with a diagnosis in it: written beside it, run, and removed.
+
+        Raises
+        ------
+        RecordError
+            As `simulate` does.
+        OSError
+            If the model's folder cannot be written.
+        """
+        made = found.to_mjcf(self.path, self.joint, self.actuator)
+        folder = Path(self.path).parent  # the files that a model refers to are found from there
+        with NamedTemporaryFile("w", suffix=".xml", dir=folder, encoding="utf-8") as file:
+            file.write(made.xml)
+            file.flush()
+            changed = replace(self, path=file.name, beside={**self.beside, **made.beside})
+            return changed.simulate(record).replace(name=f"{record.name}, {Path(self.path).stem}")
+
     def _steps(self, dt: float) -> int:
         """Return MuJoCo's steps per sample."""
         own = float(self.axis.model.opt.timestep)
@@ -200,5 +222,11 @@ class MujocoSimulator:
         """Return what the terms beside the model hold against the joint, N or N m."""
         q, v = float(data.qpos[self.axis.position]), float(data.qvel[self.axis.dof])
         tau = float(data.qfrc_actuator[self.axis.dof])
-        state = (q, v, 0.0, float(np.sign(v)), tau, float(data.time))
-        return sum(float(term.law(*state, *v)) for term, v in self.beside.items() if term.law)
+        others = float(data.qfrc_passive[self.axis.dof] - data.qfrc_bias[self.axis.dof])
+        total = 0.0
+        for term, values in sorted(self.beside.items(), key=lambda item: item[0].net):
+            if term.law is not None:
+                drives = tau + others - total if term.net else tau
+                state = (q, v, 0.0, float(np.sign(v)), drives, float(data.time))
+                total += float(term.law(*state, *values))
+        return total
