@@ -13,10 +13,10 @@ from ..estimators import CLIE
 from ..loop import ClosedLoop
 from ..problem import Problem
 from ..record import Record
-from ..simulators.difference import CREEPS, Difference, as_simulated, difference, dry
+from ..simulators.difference import CREEPS, Difference, as_simulated, difference, dry, together
 from ..tables import Text, table
 from .diagnosis import Diagnosis
-from .rules import SECOND_ORDER, STICKS
+from .rules import SAME_LOG, SECOND_ORDER, STICKS
 
 Diagnose = Callable[..., Diagnosis]  # of record, holdout and loop; named=False names nothing
 _ALL = 0.97  # of the reducible gap: what closes more needs no other answer
@@ -69,15 +69,18 @@ def against(
     """
     loop = as_simulated(loop.known(record), simulated)
     pairs = [(record, simulated), (holdout, simulated_holdout)]
-    logs = [(a, b) for a, b in pairs if a is not None and b is not None]
-    lacking = [difference(real, sim, loop) for real, sim in logs]
+    logs = [together(a, b) for a, b in pairs if a is not None and b is not None]
+    lacking = [difference(real, sim, loop, notes) for real, sim, notes in logs]
+    if all(_parted(pair, loop) < SAME_LOG * _rms(loop.force(pair.real)) for pair in lacking):
+        same = diagnose(*_records(lacking), loop, named=False)
+        return _told(replace(same, verdict="adequate", discrepancy=None), lacking, False)
     found = diagnose(*_records(lacking), loop)
     answers = [(found, lacking, False)]
     alike = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
     enough = _closed(found) >= _ALL and len(found.effects) == 1 and not alike
     if found.verdict != "adequate" and not enough:
         try:
-            turned = [difference(sim, real, loop) for real, sim in logs]
+            turned = [difference(sim, real, loop, notes) for real, sim, notes in logs]
             answers.append((diagnose(*_records(turned), loop), turned, True))
         except IVToolsError:
             pass  # the simulator's log alone carries no diagnosis
@@ -115,7 +118,11 @@ def _explains(found: Diagnosis) -> float:
 
 def _parted(pair: Difference, loop: ClosedLoop) -> float:
     """Return the rms force by which simulator and axis differ, N or N m."""
-    return float(np.sqrt(np.mean((loop.force(pair.real) - loop.force(pair.simulated)) ** 2)))
+    return _rms(loop.force(pair.real) - loop.force(pair.simulated))
+
+
+def _rms(x: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))
 
 
 def _closed(found: Diagnosis) -> float:

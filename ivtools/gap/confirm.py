@@ -12,6 +12,7 @@ from ..loop import ClosedLoop
 from ..record import Record
 from ..simulators.protocol import Simulator, logged
 from ..units import quantity
+from .fold import usable
 
 if TYPE_CHECKING:
     from .diagnosis import Diagnosis
@@ -25,7 +26,9 @@ class Confirmation:
     ----------
     record : str
     before, after : float
-        Rms of measured less simulated force; NaN after, if the changed simulator does not run.
+        Rms of measured less simulated force where both can be compared: without the transient of
+        the initial state, the command at its limit and standstill. NaN after, if the changed
+        simulator does not run.
     predicted : float
         What the diagnosis expects after the changes; NaN if it cannot say.
     unit : str
@@ -78,8 +81,9 @@ def confirm(found: Diagnosis, simulator: Simulator, real: Record) -> Confirmatio
     def error(log: Record) -> float:
         n = min(log.n_samples, real.n_samples)
         force = found.loop.force(real)[:n] - found.loop.force(log)[:n]
-        return float(np.sqrt(np.mean(force**2)))
+        return float(np.sqrt(np.mean(force[counts[:n]] ** 2)))
 
+    counts = usable(real, found.loop)
     s, after, note = found.shrink, float("nan"), ""
     before = error(run(simulator, real))
     try:

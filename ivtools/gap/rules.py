@@ -412,6 +412,8 @@ class Rules:
 
 # --- a user's own simulator ----------------------------------------------------------------------
 
+#: Of the force: logs of axis and simulator that differ by less are one (numerics).
+SAME_LOG = 1e-6
 #: Of the force by which simulator and axis differ: what named effects must explain at least, for a
 #: difference of two logs is right to first order only (judgement on a few drawn models: a lag
 #: named where only parameters differ explained 0.04 of it, two effects that were missed 0.07, 0.2).

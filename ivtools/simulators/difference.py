@@ -58,24 +58,25 @@ class Difference:
     notes: tuple[str, ...] = ()
 
 
-def difference(real: Record, simulated: Record, loop: ClosedLoop) -> Difference:
+def difference(
+    real: Record, simulated: Record, loop: ClosedLoop, notes: tuple[str, ...] = ()
+) -> Difference:
     """Return the record that shows what the real axis does beyond its simulator.
 
     Parameters
     ----------
     real, simulated : Record
-        Logs of the same reference.
+        Logs of the same reference at the same instants, as `together` makes them.
     loop : ClosedLoop
         The axis, with its rigid model.
+    notes : tuple of str, optional
+        What was done to bring the logs together.
 
     Raises
     ------
-    RecordError
-        If the logs are not of the same reference, or share too little time.
     EstimationError
         If no model fits the simulator's log.
     """
-    real, simulated, notes = together(real, simulated)
     base = _seen(simulated, loop)
     model = base_simulation(loop, simulated, base)
     signals: dict[str, Any] = {
