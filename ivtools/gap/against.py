@@ -67,9 +67,9 @@ def against(
     friction, of which less looks like more of another, the other way round as well: a simulator may
     have too much of an effect that cannot be negative.
     """
-    loop = as_simulated(loop.known(record), simulated)
     pairs = [(record, simulated), (holdout, simulated_holdout)]
     logs = [together(a, b) for a, b in pairs if a is not None and b is not None]
+    loop = as_simulated(loop.known(record), logs[0][1])
     lacking = [difference(real, sim, loop, notes) for real, sim, notes in logs]
     if all(_parted(pair, loop) < SAME_LOG * _rms(loop.force(pair.real)) for pair in lacking):
         same = diagnose(*_records(lacking), loop, named=False)

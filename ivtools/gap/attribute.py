@@ -195,9 +195,7 @@ class Round:
         seen = next((t for t in self.qualified if t.name == self.measured), None)
         if seen is not None and seen.gain >= (1.0 - self.margin) * best.gain:
             return seen
-        gain, t_value = TIE
-        near = [t for t in self.qualified if t.gain >= (1.0 - gain) * best.gain]
-        equal = {t.name: t for t in near if t is best or best.advantage(t) < t_value}
+        equal = {t.name: t for t in self.qualified if t.gain >= (1.0 - TIE) * best.gain}
         return next((equal[name] for name in EFFECTS if name in equal), best)
 
     def rivals(self, rules: Rules, left: float) -> tuple[Trial, ...]:

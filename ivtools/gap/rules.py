@@ -223,9 +223,9 @@ CLEAN = 1.05
 #: Whitened energy beyond which what is left in the end speaks against names (numerics: how well
 #: the floor is known).
 UNNAMED = 1.02
-#: Share of the gain, and block t value, by which effects differ at most that do equally well:
-#: gravity and a spring over a short arc (judgement).
-TIE = (0.01, 2.0)
+#: Share of the gain by which effects differ at most that do equally well (judgement: gravity and
+#: a spring over a short arc differ by 1e-5).
+TIE = 0.001
 #: Of the best gain in the screening: what is below is not its rival (training).
 RIVAL = 0.35
 #: Of the least gain of a steady effect: what is below in the screening is not fitted (training).

@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 CREEPS = "regularised-coulomb"  # the friction of simulators that regularise it
 _SHIPPED_RATE, _SHIPPED_HOLD = 105.0, 0.9  # 1/s and 1, of MuJoCo's defaults: where a fit begins
 _CREEPS = 0.98  # of the misfit to the simulator's log: what it may leave (other joints leave most)
-_DRY = 0.2  # of its friction: what may still be dry where a simulator's friction creeps
 _SAME = 0.01  # of the stroke: references that differ by less are one
 _SHARED = 0.5  # of the record that the simulator must cover
 _SLIPS = {1e3: "mm", 1e-3: "km", 180.0 / np.pi: "degrees", np.pi / 180.0: "radians", 1e6: "µm"}
@@ -96,7 +95,8 @@ def difference(
 def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     """Return the loop with the friction of its simulator: creeping, where the log shows that.
 
-    Many simulators regularise dry friction. What both logs share cancels only as far as the model
+    Many simulators regularise dry friction: creeping friction, without any that is dry, then comes
+    nearer to their log than dry friction does. What both logs share cancels only as far as the model
     moves as the simulator does, and where the real axis moves otherwise, friction changes at once.
 
     Parameters
@@ -110,18 +110,18 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     if min(friction, base.params["inertia"]) <= 0.0 or CREEPS in (t.name for t in loop.terms):
         return loop
     fitted = {str(name): float(value) for name, value in base.params.items()}
-    start = {**loop.start, **fitted, "coulomb": 0.0}
     speed = friction / (_SHIPPED_RATE * _SHIPPED_HOLD * base.params["inertia"])
-    soft = replace(loop, start=start).with_effect(
+    soft = replace(loop, start={**loop.start, **fitted, "coulomb": 0.0}).with_effect(
         CREEPS, force=friction, speed=speed, hold=_SHIPPED_HOLD / friction
     )
+    bare = soft.with_terms(*(t for t in soft.terms if t.name != "coulomb"))
     try:
-        fit = CLIE(start="axis").fit(Problem(simulated, soft))
-        better = _misfit(soft, simulated, fit) < _CREEPS * _misfit(loop, simulated, base)
+        fit = CLIE(start="axis").fit(Problem(simulated, bare))
+        better = _misfit(bare, simulated, fit) < _CREEPS * _misfit(loop, simulated, base)
     except IVToolsError:
         return loop
-    found = {**soft.start, **{str(name): float(value) for name, value in fit.params.items()}}
-    return replace(soft, start=found) if better and abs(dry(found)) < _DRY else loop
+    found = {str(name): float(value) for name, value in fit.params.items()}
+    return replace(soft, start={**soft.start, **found}) if better else loop
 
 
 def dry(values: Mapping[str, float]) -> float:
