@@ -99,6 +99,70 @@ def test_too_little_in_common_is_refused(short):
         together(short, short.slice(0, 100 + 200))
 
 
+def every(record, step) -> iv.Record:
+    parts = {name: x[::step] for name, x in record.signals.items()}
+    return iv.Record(t=record.t[::step], **parts, name=record.name)
+
+
+def late(record, start) -> iv.Record:
+    parts = {name: x[start:] for name, x in record.signals.items()}
+    return iv.Record(t=record.t[: len(record.t) - start], **parts, name=record.name)
+
+
+def elsewhere(loop, record) -> iv.Record:
+    return log(loop, record.replace(q=np.r_[record.q[:1] + 5e-4, record.q[1:]]), inertia=90.0)
+
+
+HANDLED = {
+    "half the rate": lambda loop, sim: every(sim, 2),
+    "longer": lambda loop, sim: sim,
+    "shorter": lambda loop, sim: sim.slice(0, 7000),
+    "another clock": lambda loop, sim: iv.Record(t=sim.t + 100.0, **sim.signals),
+    "no reference": lambda loop, sim: iv.Record(t=sim.t, q=sim.q, nu=sim.nu),
+    "a force": lambda loop, sim: iv.Record(t=sim.t, q=sim.q, q_ref=sim.q_ref, tau=35.15 * sim.nu),
+    "counted from elsewhere": lambda loop, sim: sim.replace(q=sim.q + 2e-3),
+    "starts elsewhere": elsewhere,
+    "20 samples early": lambda loop, sim: late(sim, 20),
+    "noisy": lambda loop, sim: log(loop, sim, noise=0.5, inertia=90.0),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", [True, False], ids=["cogging", "nothing"])
+@pytest.mark.parametrize("awkward", HANDLED)
+def test_awkward_logs_of_a_simulator_make_no_wrong_names(loop, short, awkward, hidden):
+    axis = loop.with_effect("cogging", cosine=2.5, sine=1.0, period=0.004) if hidden else loop
+    real, sim = log(axis, short, noise=1.0), log(loop, short, inertia=90.0)
+    real = real.slice(0, 9000) if awkward == "longer" else real
+    gap = iv.diagnose(real, loop, simulated=HANDLED[awkward](loop, sim))
+    assert gap.effects == (("cogging",) if hidden else ()) and not gap.surplus
+
+
+SAID = {
+    "a third of the rate": (lambda sim: every(sim, 3), "has 333.3 Hz, the record 1000 Hz"),
+    "mm": (lambda sim: sim.replace(q=1e3 * sim.q, q_ref=1e3 * sim.q_ref), "looks like mm"),
+    "mm, no reference": (lambda sim: iv.Record(t=sim.t, q=1e3 * sim.q, nu=sim.nu), "like mm"),
+    "a force as command": (lambda sim: sim.replace(nu=35.15 * sim.nu), "name its column tau"),
+    "the other sign": (lambda sim: sim.replace(q=-sim.q, q_ref=-sim.q_ref), "another reference"),
+    "half a second early": (lambda sim: late(sim, 500), "another reference"),
+}
+
+
+@pytest.mark.parametrize("awkward", SAID)
+def test_logs_that_cannot_be_compared_are_refused_for_the_true_reason(loop, short, awkward):
+    change, match = SAID[awkward]
+    real, sim = log(loop, short, noise=1.0), log(loop, short, inertia=90.0)
+    with pytest.raises(RecordError, match=match):
+        iv.diagnose(real, loop, simulated=change(sim))
+
+
+def test_the_record_itself_as_simulation_lacks_nothing(loop, short):
+    real = log(loop, short, noise=1.0)
+    gap = iv.diagnose(real, loop, simulated=real)
+    assert gap.verdict == "adequate" and not gap.effects
+    assert all(abs(c.change) < 1e-4 * max(abs(c.real), 100.0) for c in gap.changes.values())
+
+
 @pytest.mark.parametrize("give", ["record", "frame", "mapping", "simulation"])
 def test_any_function_is_a_simulator(loop, short, give):
     def follow(record):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, signal
+from scipy import linalg, signal, stats
 
 from ..errors import EstimationError
 from ..limits import LARGEST
@@ -28,6 +28,8 @@ from .rules import (
     EVENT_SPREAD,
     EVENT_TIME,
     FEW_EVENTS,
+    FREQUENCIES,
+    LEAST_LEFT,
     LEAST_WINDOW,
     NOISE_ORDER,
     PERIODIC,
@@ -148,7 +150,7 @@ def measure(fit: Fit, response: Response, raw: Array) -> Floor:
     period = reference_period(fold.record)
     return Floor(
         whitener=whitener,
-        noise=_size(whitener),
+        noise=_size(whitener, _taken(columns, fit, whitener), dt),
         generic=float(np.mean(white[keep & ~mask] ** 2)),
         period=period,
         passes=_passes(raw, keep & ~mask, period, dt),
@@ -255,10 +257,45 @@ def _level(white: Array, keep: Mask, dt: float) -> float:
     return float(np.sqrt(np.median(energy[full]) / correction))
 
 
-def _size(whitener: Array) -> float:
-    """Return the rms of the noise that this polynomial whitens."""
-    impulse = signal.lfilter([1.0], whitener, np.r_[1.0, np.zeros(4000)])
-    return float(np.sqrt(np.sum(impulse**2)))
+def _taken(columns: Array, fit: Fit, whitener: Array) -> Array:
+    """Return the share of noise that fitted columns take out, by frequency, (n_frequencies,).
+
+    The leverage of the whitened columns, which are smooth: they take much of slow noise and
+    nothing of fast one.
+    """
+    full = np.zeros((len(columns), fit.J.shape[1]))
+    full[fit.fold.keep] = fit.J
+    white = signal.lfilter(whitener, [1.0], np.column_stack([columns, full]), axis=0)
+    white[~fit.fold.keep] = 0.0
+    white /= np.maximum(np.linalg.norm(white, axis=0), 1e-300)
+    size, turn = np.linalg.eigh(white.T @ white)
+    known = size > 1e-10 * size[-1]
+    basis = white @ (turn[:, known] / np.sqrt(size[known]))
+    edges = np.linspace(0, len(columns) // 2 + 1, FREQUENCIES + 1).astype(int)[:-1]
+    power = np.sum(np.abs(np.fft.rfft(basis, axis=0)) ** 2, axis=1) / int(fit.fold.keep.sum())
+    return np.add.reduceat(power, edges) / np.diff(np.r_[edges, len(power)])
+
+
+def _size(whitener: Array, taken: Array, dt: float) -> float:
+    """Return the rms of the noise that this polynomial whitens.
+
+    The polynomial comes from what fitted columns left, in the quieter windows: what both took is
+    given back. Fast noise is whitened to its own level and needs nothing.
+
+    Parameters
+    ----------
+    whitener : ndarray, (order + 1,)
+    taken : ndarray, (n_frequencies,)
+        Share of the noise that was fitted away, from 0 to half the rate.
+    dt : float
+    """
+    width = 0.5 / dt / len(taken)  # Hz
+    hz = width * (np.arange(len(taken)) + 0.5)
+    power = 1.0 / np.abs(signal.freqz(whitener, worN=hz, fs=1.0 / dt)[1]) ** 2
+    freedom = 2.0 * SPLIT_HZ * WINDOW  # of the slow part of a window
+    quiet = stats.chi2.cdf(stats.chi2.ppf(QUIET, freedom), freedom + 2.0) / QUIET
+    left = np.where(hz < SPLIT_HZ, quiet, 1.0) * np.maximum(1.0 - taken, LEAST_LEFT)
+    return float(np.sqrt(np.sum(power / left) * width * 2.0 * dt))
 
 
 def _typical(white: Array, keep: Mask, dt: float) -> Mask:

@@ -170,6 +170,8 @@ LEAST_WINDOW = 50
 SPLIT_HZ = 12.0
 #: Quantile of the windows that count as quiet (training).
 QUIET = 0.7
+#: Bins of frequency, and least share of the noise in one that fitted columns leave (numerics).
+FREQUENCIES, LEAST_LEFT = 512, 0.25
 #: Median absolute deviations beyond which a window is an event (training: 0 of 100 without).
 EVENT = 8.0
 #: Least deviation, of the median, in that comparison (theory: chi-square of a short window).
@@ -412,6 +414,8 @@ class Rules:
 
 # --- a user's own simulator ----------------------------------------------------------------------
 
+#: Ratio of the commands of axis and simulator beyond which they have different units (taste).
+OTHER_UNIT = 10.0
 #: Of the force: logs of axis and simulator that differ by less are one (numerics).
 SAME_LOG = 1e-6
 #: Of the force by which simulator and axis differ: what named effects must explain at least, for a

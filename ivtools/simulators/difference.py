@@ -19,6 +19,7 @@ from ivtools.errors import EstimationError, IVToolsError, RecordError
 from ivtools.estimators import CLIE, DIDIM, IDIMLS
 from ivtools.problem import Problem
 from ivtools.record import Record
+from ivtools.units import quantity
 
 if TYPE_CHECKING:
     from ivtools.loop import ClosedLoop, Simulation
@@ -29,7 +30,10 @@ Array = NDArray[np.float64]
 CREEPS = "regularised-coulomb"  # the friction of simulators that regularise it
 _SHIPPED_RATE, _SHIPPED_HOLD = 105.0, 0.9  # 1/s and 1, of MuJoCo's defaults: where a fit begins
 _CREEPS = 0.98  # of the misfit to the simulator's log: what it may leave (other joints leave most)
+_DRY = 0.2  # of its friction: what may still be dry where a simulator's friction creeps
 _SAME = 0.01  # of the stroke: references that differ by less are one
+_SLOWEST = 0.45  # of the record's rate: a held command is late by half a sample
+_HOMED = 0.25  # of the energy that the law leaves of a command: what a shift must leave at most
 _SHARED = 0.5  # of the record that the simulator must cover
 _SLIPS = {1e3: "mm", 1e-3: "km", 180.0 / np.pi: "degrees", np.pi / 180.0: "radians", 1e6: "µm"}
 
@@ -95,9 +99,10 @@ def difference(
 def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     """Return the loop with the friction of its simulator: creeping, where the log shows that.
 
-    Many simulators regularise dry friction: creeping friction, without any that is dry, then comes
-    nearer to their log than dry friction does. What both logs share cancels only as far as the model
-    moves as the simulator does, and where the real axis moves otherwise, friction changes at once.
+    Many simulators regularise dry friction: with creeping friction a model then comes nearer to
+    their log, and hardly any dry friction is left; where other joints swing, less than none. What
+    both logs share cancels only as far as the model moves as the simulator does, and where the real
+    axis moves otherwise, friction changes at once.
 
     Parameters
     ----------
@@ -114,14 +119,16 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     soft = replace(loop, start={**loop.start, **fitted, "coulomb": 0.0}).with_effect(
         CREEPS, force=friction, speed=speed, hold=_SHIPPED_HOLD / friction
     )
-    bare = soft.with_terms(*(t for t in soft.terms if t.name != "coulomb"))
     try:
-        fit = CLIE(start="axis").fit(Problem(simulated, bare))
-        better = _misfit(bare, simulated, fit) < _CREEPS * _misfit(loop, simulated, base)
+        fit = CLIE(start="axis").fit(Problem(simulated, soft))
+        better = _misfit(soft, simulated, fit) < _CREEPS * _misfit(loop, simulated, base)
     except IVToolsError:
         return loop
     found = {str(name): float(value) for name, value in fit.params.items()}
-    return replace(soft, start={**soft.start, **found}) if better else loop
+    if not better or dry(found) >= _DRY:
+        return loop
+    whole = {"coulomb": 0.0, f"{CREEPS}.force": found["coulomb"] + found[f"{CREEPS}.force"]}
+    return replace(soft, start={**soft.start, **found, **whole})
 
 
 def dry(values: Mapping[str, float]) -> float:
@@ -172,11 +179,43 @@ def together(real: Record, simulated: Record) -> tuple[Record, Record, tuple[str
     if simulated.n_samples != real.n_samples or not _same_step(real, simulated):
         real, simulated, note = _resampled(real, simulated)
         notes.append(note)
+    _same_unit("q", float(np.ptp(real.q)), float(np.ptp(simulated.q)))
     if simulated.q_ref is None and real.q_ref is not None:
         simulated = simulated.replace(q_ref=real.q_ref)
         notes.append("the simulator's log has no reference; it is taken to be the record's")
     _same_reference(real, simulated)
     return real, simulated, tuple(notes)
+
+
+def homed(real: Record, simulated: Record, loop: ClosedLoop) -> tuple[Record, tuple[str, ...]]:
+    """Return the simulator's log with its position counted from where the record's is.
+
+    A position that is off by a constant that the logged command knows nothing of is one that was
+    counted from elsewhere.
+
+    Parameters
+    ----------
+    real, simulated : Record
+        At the same instants.
+    loop : ClosedLoop
+        The axis, for its controller.
+    """
+    if simulated.q_ref is None:
+        return simulated, ()
+    away = float(np.median(simulated.q - real.q))
+    law, nu = loop.controller.known(simulated).law(simulated.dt), loop.command(simulated)[:, 0]
+    q_ref = simulated.q_ref[:, 0]
+    dq_ref = np.gradient(q_ref, simulated.dt)
+    dq_ref = dq_ref if simulated.dq_ref is None else simulated.dq_ref[:, 0]
+    moved = simulated.replace(q=simulated.q - away)
+    left = [float(np.mean((nu - law(q_ref, dq_ref, s.q[:, 0])) ** 2)) for s in (simulated, moved)]
+    if left[1] > _HOMED * left[0]:
+        return simulated, ()
+    unit = "m" if loop.joint == "prismatic" else "rad"
+    return moved, (
+        f"the simulator's position is counted from {quantity(away, unit)} away from the record's; "
+        "it was brought there",
+    )
 
 
 def _same_step(real: Record, simulated: Record) -> bool:
@@ -189,6 +228,12 @@ def _resampled(real: Record, simulated: Record) -> tuple[Record, Record, str]:
 
     t, own = real.t - real.t[0], simulated.t - simulated.t[0]
     n = int(np.searchsorted(t, own[-1] + 0.5 * real.dt))
+    if simulated.sampling_hz < _SLOWEST * real.sampling_hz:
+        raise RecordError(
+            f"the simulator's log has {simulated.sampling_hz:.4g} Hz, the record "
+            f"{real.sampling_hz:.4g} Hz: what the command did between cannot be told; log the "
+            "simulator at the record's rate"
+        )
     if n * real.dt < _SHARED * t[-1] or n < 200:
         raise RecordError(
             f"the logs share {n * real.dt:.3g} s of {t[-1]:.3g} s; simulate the whole record"
@@ -216,15 +261,20 @@ def _same_reference(real: Record, simulated: Record) -> None:
     stroke = float(np.ptp(one))
     if float(np.sqrt(np.mean((one - two) ** 2))) <= _SAME * stroke:
         return
-    ratio = float(np.ptp(two)) / stroke if stroke else np.inf
-    for factor, unit in _SLIPS.items():
-        if abs(ratio / factor - 1.0) < 0.02:
-            raise RecordError(
-                f"the simulator's q_ref is {ratio:.4g} times the record's: it looks like {unit}; "
-                "convert it, or name its unit"
-            )
+    _same_unit("q_ref", stroke, float(np.ptp(two)))
     raise RecordError(
         "the simulator followed another reference than the record (rms difference "
         f"{float(np.sqrt(np.mean((one - two) ** 2))):.3g}, stroke {stroke:.3g}); simulate the "
         "record's own q_ref from its first sample"
     )
+
+
+def _same_unit(name: str, one: float, two: float) -> None:
+    """Refuse a simulator's signal whose range says that it is in another unit."""
+    ratio = two / one if one else np.inf
+    for factor, unit in _SLIPS.items():
+        if abs(ratio / factor - 1.0) < 0.02:
+            raise RecordError(
+                f"the simulator's {name} is {ratio:.4g} times the record's: it looks like {unit}; "
+                "convert it, or name its unit"
+            )
