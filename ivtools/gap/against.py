@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import IVToolsError, RecordError
-from ..estimators import CLIE
+from ..estimators.input_error import CLIE
 from ..loop import ClosedLoop
 from ..problem import Problem
 from ..record import Record

@@ -129,8 +129,8 @@ def diagnose(
                 "simulated is a simulator, which is run on the holdout as well; "
                 "leave simulated_holdout out"
             )
-        logs = [None if real is None else run(simulated, real) for real in (record, holdout)]
-        lacks = against(record, loop, holdout, logs[0], logs[1], found)
+        other = None if holdout is None else run(simulated, holdout)
+        lacks = against(record, loop, holdout, run(simulated, record), other, found)
         return replace(lacks, confirmed=confirm(lacks, simulated, holdout or record))
 
 

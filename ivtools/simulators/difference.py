@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError, IVToolsError, RecordError
-from ivtools.estimators import CLIE, DIDIM, IDIMLS
+from ivtools.estimators.input_error import CLIE, DIDIM
+from ivtools.estimators.least_squares import IDIMLS
 from ivtools.problem import Problem
 from ivtools.record import Record
 from ivtools.units import quantity

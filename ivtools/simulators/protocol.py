@@ -11,7 +11,6 @@ from ivtools.errors import DataError, IVToolsError
 from ivtools.record import Record
 
 if TYPE_CHECKING:
-    from ivtools.gap import Diagnosis
     from ivtools.loop import Simulation
 
 
@@ -51,7 +50,7 @@ class Simulator(ABC):
         function: Callable[[Record], Any],
         parameters: Mapping[str, float] | None = None,
         units: Mapping[str, str] | None = None,
-        change: Callable[[Diagnosis], Callable[[Record], Any]] | None = None,
+        change: Callable[[Any], Callable[[Record], Any]] | None = None,
     ) -> FunctionSimulator:
         """Make a simulator of a function.
 
@@ -91,7 +90,7 @@ class FunctionSimulator(Simulator):
     function: Callable[[Record], Any]
     parameters: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
-    change: Callable[[Diagnosis], Callable[[Record], Any]] | None = None
+    change: Callable[[Any], Callable[[Record], Any]] | None = None
 
     def simulate(self, record: Record) -> Record:
         """Return what the function says of this record, with the record's own reference.
@@ -103,8 +102,8 @@ class FunctionSimulator(Simulator):
         """
         return logged(self.function(record), record)
 
-    def simulate_changed(self, record: Record, found: Diagnosis) -> Record:
-        """Return what the function says once the changes of a diagnosis are made in it.
+    def simulate_changed(self, record: Record, found: Any) -> Record:
+        """Return what the function says once the changes of a `Diagnosis` are made in it.
 
         Raises
         ------

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from ivtools.record import Record
 from ivtools.robot.mjcf import engine
 from ivtools.simulators.digital import DigitalLaw
 from ivtools.simulators.mjcf import Axis, closed_loop
-
-if TYPE_CHECKING:
-    from ivtools.gap import Diagnosis
 
 Array = NDArray[np.float64]
 
@@ -135,8 +132,8 @@ class MujocoSimulator:
             **{k: v for k, v in kept.items() if v is not None},
         )
 
-    def simulate_changed(self, record: Record, found: Diagnosis) -> Record:
-        """Return what the model does with a diagnosis in it: written beside it, run, and removed.
+    def simulate_changed(self, record: Record, found: Any) -> Record:
+        """Return what the model does with a `Diagnosis` in it.
 
         Raises
         ------
