@@ -208,11 +208,12 @@ def _final(found: Diagnosis, record: Record) -> tuple[dict[str, float], dict[str
         return dict(found.theta), {}
     if not fit.converged:
         return dict(found.theta), {}
-    errors = fit.std_errors.to_dict()
+    values = {str(name): float(value) for name, value in fit.params.items()}
+    errors = {str(name): float(value) for name, value in fit.std_errors.items()}
     parts = ["coulomb", f"{CREEPS}.force"]
     if set(parts) <= {*errors}:  # of the sum: the parts trade with each other
         errors["coulomb"] = float(np.sqrt(max(fit.cov.loc[parts, parts].to_numpy().sum(), 0.0)))
-    return {**found.theta, **fit.params.to_dict()}, errors
+    return {**found.theta, **values}, errors
 
 
 def sticks(found: Diagnosis, pair: Difference) -> bool:
