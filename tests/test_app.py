@@ -328,3 +328,19 @@ def test_a_port_that_is_taken_is_told(capsys):
         taken.listen()
         assert run(["app", "--no-window", "--port", str(taken.getsockname()[1])]) == 2
     assert "cannot be used" in capsys.readouterr().err
+
+
+def test_the_address_answers_from_the_moment_that_it_is_told():
+    """A browser that comes before the server is ready waits, and is not refused."""
+    from ivtools.app.server import serve
+
+    class ToldError(Exception):
+        pass
+
+    def began(address: str) -> None:
+        port = int(address.split(":")[2].split("/")[0])
+        socket.create_connection(("127.0.0.1", port), timeout=5).close()
+        raise ToldError
+
+    with pytest.raises(ToldError):
+        serve(began=began)

@@ -256,6 +256,7 @@ def walked(chrome, logs, folder: Path, seconds: float) -> None:
         press(chrome, "[data-do=twin]")
         grown = own.memory() - before
         assert "Traceback" not in own.log and "internal error" not in own.log, own.log
+        print(f"{before:.0f} MB, {grown:+.0f} MB after {len(done)} actions")
         assert grown < 300.0, f"{grown:.0f} MB more"
         assert sum("nothing" not in action for action in done) > len(done) / 3
 

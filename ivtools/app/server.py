@@ -258,8 +258,9 @@ def serve(
             server.app, log_level="warning", access_log=False, lifespan="off", ws="none",
             timeout_graceful_shutdown=2,
         )  # fmt: skip
-        began(f"http://{HOSTS[0]}:{place.getsockname()[1]}{address}")
+        place.listen()  # who comes before uvicorn is ready waits, and is not refused
         try:
+            began(f"http://{HOSTS[0]}:{place.getsockname()[1]}{address}")
             with suppress(KeyboardInterrupt):
                 uvicorn.Server(config).run(sockets=[place])
         finally:
