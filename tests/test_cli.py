@@ -475,6 +475,15 @@ def test_an_internal_error_is_one_line_and_status_1(command, monkeypatch):
     assert status == 1 and "internal error: RuntimeError: out of order" in err
 
 
+def test_too_little_memory_is_one_line_and_status_1(command, monkeypatch):
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(axes, "path", fail)
+    status, _, err = command("axis", "emps")
+    assert status == 1 and err.count("\n") == 1 and "memory does not suffice" in err
+
+
 def test_an_interrupt_is_one_line_and_keeps_what_is_finished(command, monkeypatch, tmp_path):
     from ivtools.estimators.least_squares import IDIMWLS
 

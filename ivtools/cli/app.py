@@ -141,6 +141,9 @@ def _ended_by(error: BaseException) -> int:
     if isinstance(error, IVToolsError | WorkersLostError):
         _say(f"error: {error}")
         return AT_FAULT if isinstance(error, IVToolsError) else FAILED
+    if isinstance(error, MemoryError):
+        _say("error: the memory does not suffice; take a shorter part of the record")
+        return FAILED
     usage = getattr(error, "format_message", None)
     if usage is not None:  # a usage error of typer, whichever click it brings
         _say(f"error: {usage()} ivtools --help shows what there is.")
