@@ -157,4 +157,4 @@ def test_six_joints_below_thirty():
     links = loop.robot.standard_names
     X = Information(loop, found.limits).matrix(Motion(*(x[::50] for x in found.motion)))
     base = X.reshape(-1, X.shape[2])[:, loop.base.columns < len(links)]
-    assert np.linalg.cond(base) < 30.0 and found.condition < found.settings["best_random"]
+    assert np.linalg.cond(base) < found.condition < 30.0 < found.settings["best_random"]
