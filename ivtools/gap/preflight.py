@@ -460,7 +460,8 @@ def explain_command(parity: Parity) -> str:
     if parity.read is not None:
         best = sorted(parity.read.kinds.items(), key=lambda kind: -kind[1])
         listed = ", ".join(f"{kind} {r2:.2f}" for kind, r2 in best)
-        tried = f"; no kind of law explains it either, R2: {listed}{_remains(parity)}"
+        tried = f"; no kind of law explains it either, R2: {listed}{_remains(parity)}; matrices of "
+        tried += "a state-space law are not looked for: state them if it is one"
     left = 100.0 * parity.after
     return (
         f"the control law does not give the recorded command: it differs by {left:.0f} % of it; "
