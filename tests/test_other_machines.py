@@ -204,12 +204,12 @@ def test_the_frequency_and_the_mass_of_the_link_are_found():
     """
     stated = np.sqrt(39.957 * (1.0 / 0.06354 + 1.0 / 0.17043)) / (2.0 * np.pi)
     found = diagnosed("quanser-flexible-link")
-    assert found.effects[0] == "flexibility"
+    assert found.effects == ("flexibility",)
     assert "polynomial-viscous" in found.ambiguous_with["flexibility"]
     link = found.parameters["flexibility"]
     assert link["frequency_hz"] == pytest.approx(stated, rel=0.15)
     assert link["load_share"] == pytest.approx(0.17043 / (0.06354 + 0.17043), rel=0.10)
-    assert found.shrink.after < 0.65 * found.shrink.before
+    assert found.shrink.after < 0.75 * found.shrink.before
 
 
 def test_a_column_that_the_law_is_not_said_to_have_is_named():

@@ -458,30 +458,32 @@ def attribute(
         best.append(winner)
         if cost(winner.held) < CLEAN:  # at the floor: nothing is left to have a name
             break
-    best = best[: _told(base, best)]
+    best = best[: _told(base, best, rounds[0].measured)]
     fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
     kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
     return _withdrawn(sides, Attribution(base, fits, held, tuple(kept), rules, tuple(rounds)))
 
 
-def _told(base: tuple[Fit, ...], best: Sequence[Trial]) -> int:
+def _told(base: tuple[Fit, ...], best: Sequence[Trial], measured: str = "") -> int:
     """Return how many names, in their order, tell more than a force without a name does.
 
     Every smooth law is close to some effect. So a force without a name describes what is left,
     after each number of names and without any, and held-out data judge: of those that predict as
-    well as the best, within a standard error, the one with most names is taken.
+    well as the best, within a standard error, the one with most names is taken. What a further
+    sensor in the law has `measured` is no guess and stays.
 
     L. Breiman, J. H. Friedman, R. A. Olshen, C. J. Stone, "Classification and Regression Trees",
     1984, section 3.4.3: the one-standard-error rule.
     """
     models = [base, *(t.held for t in best)]
+    least = 1 if best and best[0].name == measured else 0
     return next(
         (
             k
-            for k in range(len(best), 0, -1)
-            if all(advantage(other, models[k]) > -STANDARD_ERRORS for other in models[:k])
+            for k in range(len(best), least, -1)
+            if all(advantage(other, models[k]) > -STANDARD_ERRORS for other in models[least:k])
         ),
-        0,
+        least,
     )
 
 
