@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from math import inf, isfinite, nan
+from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from ivtools import __version__
 from ivtools.checks import MIN_SAMPLES
 from ivtools.digest import digest, loop_text, seed_sequence
 from ivtools.errors import EstimationError, IVToolsError
+from ivtools.limits import LARGEST
 from ivtools.loop import ClosedLoop, Simulation
 from ivtools.pipeline import Pipeline
 from ivtools.problem import Problem
@@ -104,8 +105,11 @@ class Case:
     def __post_init__(self) -> None:
         for name in ("encoder_noise", "quantum", "force_noise"):
             value = getattr(self, name)
-            if not (isfinite(value) and value >= 0.0):
-                raise IVToolsError(f"case {self.name}: {name} = {value} must be finite and not < 0")
+            if not 0.0 <= value <= LARGEST:
+                raise IVToolsError(
+                    f"case {self.name}: {name} = {value} must be finite and not < 0, {LARGEST:g} at "
+                    "most"
+                )
         if not 0.0 < self.sampling_hz < inf:
             raise IVToolsError(f"case {self.name}: sampling_hz = {self.sampling_hz} must be > 0")
         if not -1.0 < self.force_noise_pole < 1.0:
