@@ -107,8 +107,8 @@ class Case:
             value = getattr(self, name)
             if not 0.0 <= value <= LARGEST:
                 raise IVToolsError(
-                    f"case {self.name}: {name} = {value} must be finite and not < 0, {LARGEST:g} at "
-                    "most"
+                    f"case {self.name}: {name} = {value} must be finite and not < 0, "
+                    f"{LARGEST:g} at most"
                 )
         if not 0.0 < self.sampling_hz < inf:
             raise IVToolsError(f"case {self.name}: sampling_hz = {self.sampling_hz} must be > 0")
