@@ -476,6 +476,8 @@ def _told(base: tuple[Fit, ...], best: Sequence[Trial], measured: str = "") -> i
     1984, section 3.4.3: the one-standard-error rule.
     """
     models = [base, *(t.held for t in best)]
+    if best and cost(models[-1]) < CLEAN:  # nothing is left to describe
+        return len(best)
     least = 1 if best and best[0].name == measured else 0
     return next(
         (
