@@ -1,6 +1,7 @@
 """What a verdict rests on: changed settings, a third judge, a tolerance, a smaller force error."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ import ivtools as iv
 from benchmarks import moves
 from ivtools.gap import discrepancy
 from ivtools.gap.preflight import overlap, told_apart
+from ivtools.gap.quantify import Shrink
 from ivtools.gap.smooth import Basis
+from ivtools.gap.verdict import lowers
 from ivtools.physics import Parameter, Term
 
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -29,6 +32,13 @@ def hills(q, dq, ddq, sign, tau, t, size):
 
 
 HILLS = Term("hills", "mechanics", (Parameter("size", "{F}"),), "bumps", "a test", law=hills)
+
+
+def test_names_must_lower_the_error_by_enough_to_be_worth_a_word():
+    shrink = Shrink("N", 1.0, 0.9997, 1.0, (0.9, 1.1), 0.99, False, 1.0, 20.0, {})
+    assert not lowers(shrink, simulated=True) and lowers(shrink, simulated=False)
+    assert lowers(replace(shrink, after=0.99), simulated=True)
+    assert not lowers(replace(shrink, after=1.0), simulated=False)
 
 
 @pytest.mark.parametrize(("name", "value"), [("inertia", 112.0), ("coulomb", 15.0)])

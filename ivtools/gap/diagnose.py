@@ -320,7 +320,7 @@ def _answer(
     shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
     effects = (*at_controller, *result.named)
     tried = result.named if measured[-1].driven else effects  # its controller changes nothing
-    if tried and shrink.after >= shrink.before:
+    if tried and not verdict.lowers(shrink, simulated=not at_controller):
         found = [*found, verdict.no_better(effects, shrink)]
         effects, result = (), replace(result, fits=result.base, held=result.base, named=())
         shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)

@@ -21,10 +21,10 @@ from ..results import FitResults
 from .diagnose import diagnose
 from .diagnosis import Diagnosis
 from .robot_diagnosis import Coupled, RobotDiagnosis
+from .rules import FAINT
 
 Array = NDArray[np.float64]
 
-FAINT = 0.005  # share of the force error; chosen on one healthy arm with a false name
 _POSES = 50  # at which the mean inertia of a joint is taken
 _TWO_MASSES = ("flexibility", "backlash")  # which a RobotLoop cannot have
 

@@ -26,6 +26,7 @@ from .rules import (
     CHANGED_BY,
     CHANGED_T,
     EXPLAINED,
+    FAINT,
     OVER_FLOOR,
     REPEATS,
     SHORT,
@@ -145,9 +146,22 @@ def decide(
     return "non-repeatable" if _moved(result) else "unexplained"
 
 
+def lowers(shrink: Shrink, simulated: bool) -> bool:
+    """Whether effects lower the held-out force error.
+
+    Parameters
+    ----------
+    shrink : Shrink
+    simulated : bool
+        Whether all were named by simulation, and not at the controller, which a wrong setting of
+        may change the force little: then by enough to be worth a name.
+    """
+    return shrink.after < (1.0 - FAINT * simulated) * shrink.before
+
+
 def no_better(effects: Sequence[str], shrink: Shrink) -> Finding:
     """Return what to say of effects that do not lower the force error."""
-    values = f"{shrink.before:.3g} to {shrink.after:.3g} {shrink.unit}"
+    values = f"{shrink.before:.4g} to {shrink.after:.4g} {shrink.unit}"
     text = f"{', '.join(effects)} in the model takes the held-out force error from {values}"
     return Finding(f"{text}: nothing is named", fatal=False)
 
