@@ -68,10 +68,11 @@ def _left(fit: FitResults) -> Iterator[tuple[str, str]]:
     problem, label = fit.problem, f"Left of the {fit.signal}"
     for j, name in enumerate(problem.loop.joints if problem is not None else ("",)):
         kind = problem.loop.kind_of(j) if problem is not None else "prismatic"
-        mine = slice(None) if problem is None else problem.row_joints == j
+        several = problem is not None and len(problem.loop.joints) > 1
+        mine = problem.row_joints == j if problem is not None and several else slice(None)
         rms = float(np.sqrt(np.mean(np.square(fit.resids[mine]))))
         unit = "N" if kind == "prismatic" else "N m"
-        if problem is not None and len(problem.loop.joints) > 1:
+        if several:
             of = float(np.sqrt(np.mean(np.square(fit.y[mine])))) or np.nan
             yield label, f"{name}: {rms:.3g} {unit} rms, {100.0 * rms / of:.3g} %"
         else:

@@ -9,7 +9,7 @@ import pytest
 
 import ivtools as iv
 from ivtools.errors import EstimationError
-from ivtools.loop.axis_file import _TABLES, from_tables
+from ivtools.loop.axis_file import TABLES, from_tables
 from ivtools.record import Record
 
 TEXT = (Path(__file__).parents[1] / "docs" / "axis-file.md").read_text(encoding="utf-8")
@@ -41,7 +41,7 @@ def test_worked_examples_read_their_logs(block, log):
 
 def test_every_key_is_described():
     for table in ("axis", "record", "controller", "drive", "model"):
-        for key in _TABLES[table]:
+        for key in TABLES[table]:
             assert re.search(rf"\b{key}\b", TEXT), f"[{table}] {key}"
 
 

@@ -75,7 +75,7 @@ WRONG = {
     "rated": ({"units": {"nu": "%"}}, r"write \[record\] rated = \{ nu = ... \}"),
     "counts": ({"units": {"q": "inc"}}, r"write \[record\] counts_per_unit = \{ q = ... \}"),
     "current": ({"units": {"tau": "A"}}, r"write \[record\] torque_constant = 0.12"),
-    "joint": ({"units": {"q": "deg"}}, 'write joint = "revolute"'),
+    "joint": ({"units": {"q": "deg"}}, 'joint = "revolute"'),
     "rate": ({"rate": -3.0}, "rate"),
     "huge": ({"rate": 10**400}, "too large"),
     "resample": ({"resample": True}, "rate = 1000"),

@@ -458,7 +458,7 @@ def attribute(
         best.append(winner)
         if cost(winner.held) < CLEAN:  # at the floor: nothing is left to have a name
             break
-    best = best[: _told(base, best, rounds[0].measured)]
+    best = best[: _told(base, best, rounds[0].measured if rounds else "")]
     fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
     kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
     return _withdrawn(sides, Attribution(base, fits, held, tuple(kept), rules, tuple(rounds)))
