@@ -179,7 +179,7 @@ def test_any_function_is_a_simulator(loop, short, give):
     assert np.array_equal(back.q_ref, short.q_ref)
 
 
-def test_a_simulator_that_can_be_run_confirms_its_changes(loop, short):
+def test_a_simulator_that_can_be_run_confirms_its_changes(loop, short, tmp_path):
     real = log(loop.with_effect("cogging", cosine=2.5, sine=1.0, period=0.004), short, noise=1.0)
     start = {**THETA, "inertia": 90.0}
     gap = iv.diagnose(real, loop, simulated=replace(loop, start=start))
@@ -188,6 +188,7 @@ def test_a_simulator_that_can_be_run_confirms_its_changes(loop, short):
     assert shown.before > 1.5 * shown.after
     assert shown.after == pytest.approx(shown.predicted, rel=0.1)
     assert shown.text in " ".join(gap.summary().split())
+    assert shown.text[1:] in gap.to_html(tmp_path / "gap.html").read_text(encoding="utf-8")
     assert gap.to_dict()["confirmed"]["after"] == shown.after
 
     def changed(gap):

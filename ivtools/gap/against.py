@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import IVToolsError, RecordError
+from ..errors import IVToolsError
 from ..estimators.input_error import CLIE
 from ..loop import ClosedLoop
 from ..problem import Problem
@@ -17,14 +17,13 @@ from ..simulators.difference import (
     CREEPS,
     Difference,
     as_simulated,
+    brought,
     difference,
     dry,
-    homed,
-    together,
 )
 from ..tables import Text, table
 from .diagnosis import Diagnosis
-from .rules import OTHER_UNIT, SAME_LOG, SECOND_ORDER, STICKS
+from .rules import SAME_LOG, SECOND_ORDER, STICKS
 
 Diagnose = Callable[..., Diagnosis]  # of record, holdout and loop; named=False names nothing
 _ALL = 0.97  # of the reducible gap: what closes more needs no other answer
@@ -76,7 +75,7 @@ def against(
     have too much of an effect that cannot be negative.
     """
     pairs = [(record, simulated), (holdout, simulated_holdout)]
-    logs = [_brought(a, b, loop) for a, b in pairs if a is not None and b is not None]
+    logs = [brought(a, b, loop) for a, b in pairs if a is not None and b is not None]
     loop = as_simulated(loop.known(record), logs[0][1])
     lacking = [difference(real, sim, loop, notes) for real, sim, notes in logs]
     if all(_parted(pair, loop) < SAME_LOG * _rms(loop.force(pair.real)) for pair in lacking):
@@ -100,22 +99,6 @@ def against(
     if found.effects:
         found = replace(diagnose(*_records(lacking), loop, named=False), verdict="adequate")
     return _told(found, lacking, False)
-
-
-def _brought(
-    real: Record, simulated: Record, loop: ClosedLoop
-) -> tuple[Record, Record, tuple[str, ...]]:
-    """Return both logs at the same instants and from the same place, and what was done."""
-    real, simulated, notes = together(real, simulated)
-    ratio = _rms(loop.command(simulated)) / max(_rms(loop.command(real)), 1e-300)
-    if not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT:
-        force = "; that is the drive's gain: it is a force, name its column tau"
-        raise RecordError(
-            f"the simulator's command is {ratio:.3g} times the record's: it looks like another "
-            f"unit{force if abs(ratio / loop.gain - 1.0) < 0.2 else ''}"
-        )
-    simulated, more = homed(real, simulated, loop.known(real))
-    return real, simulated, (*notes, *more)
 
 
 def _worth(found: Diagnosis) -> tuple[float, int, float]:

@@ -79,6 +79,7 @@ def confirm(found: Diagnosis, simulator: Simulator, real: Record) -> Confirmatio
     """
 
     def error(log: Record) -> float:
+        """Return the rms of measured less simulated force where both can be compared."""
         n = min(log.n_samples, real.n_samples)
         force = found.loop.force(real)[:n] - found.loop.force(log)[:n]
         return float(np.sqrt(np.mean(force[counts[:n]] ** 2)))
@@ -107,15 +108,10 @@ def _changed(simulator: Simulator, record: Record, found: Diagnosis) -> Record:
 
 def _with(loop: ClosedLoop, found: Diagnosis) -> ClosedLoop:
     """Return a loop of ours with the changes."""
-    changes = found.changes or {}
-    known = {t.name for t in loop.terms}
-    gone = [e for e in found.surplus if e in known]
-    terms = [t for t in loop.terms if t.name not in gone]
-    terms += [t for t in found.loop.terms if t.name not in known and {*t.names} & {*changes}]
-    linear = {name for name, p in found.loop.parameters.items() if p.linear}
+    known, edits = {t.name for t in loop.terms}, found.edits
+    terms = [t for t in loop.terms if t.name not in found.surplus]
+    terms += [t for t in found.loop.terms if t.name not in known and {*t.names} & {*edits}]
     start = {n: v for t in terms for n in t.names if (v := loop.start.get(n)) is not None}
-    for name, change in changes.items():
-        if any(name in t.names for t in terms):
-            whole = name in linear or not found.surplus
-            start[name] = start.get(name, 0.0) + change.change if whole else change.simulator
+    ours = {n for t in terms for n in t.names}
+    start |= {n: start.get(n, 0.0) + edit for n, edit in edits.items() if n in ours}
     return replace(loop, terms=tuple(terms), start=start)

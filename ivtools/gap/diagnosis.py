@@ -273,6 +273,18 @@ class Diagnosis:
         alone = {r.effect: r.closed for r in self.ranking}
         return tuple(e for e in self.effects if alone.get(e, 1.0) < NOTHING_ALONE)
 
+    @property
+    def edits(self) -> dict[str, float]:
+        """What to add to each parameter of the simulator.
+
+        Too much of an effect is taken away: what it is linear in turns its sign, its shape stays.
+        """
+        linear = {name for name, p in self.loop.parameters.items() if p.linear}
+        return {
+            name: c.change if name in linear or not self.surplus else c.simulator
+            for name, c in (self.changes or {}).items()
+        }
+
     def to_mjcf(self, path: str | Path, joint: str, actuator: str | None = None) -> Export:
         """Write what was found into a MuJoCo model.
 
@@ -303,17 +315,12 @@ class Diagnosis:
         terms = tuple(t for t in self.loop.terms if {*t.names} & {*self.changes})
         base = {name for t in terms if t.name not in self.effects for name in t.names}
         changes = {name: c.change for name, c in self.changes.items() if name in base}
-        linear = {name for name, p in self.loop.parameters.items() if p.linear}
-        values = {  # too much of an effect is taken away: what it is linear in turns its sign
-            name: c.change if name in linear or not self.surplus else c.simulator
-            for name, c in self.changes.items()
-        }
         start = {n: v for n, v in self.loop.start.items() if n in self.changes}
         return export(
             path,
             joint,
             replace(self.loop, terms=terms, start=start),
-            values,
+            self.edits,
             actuator=actuator,
             changes=changes,
             surplus=self.surplus,

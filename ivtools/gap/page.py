@@ -107,13 +107,15 @@ def _remarks(diagnosis: Diagnosis) -> list[str]:
 
 
 def _more(diagnosis: Diagnosis) -> list[str]:
-    """Return what differs between the records, and what is left without a name."""
+    """Return what differs between records, what is left without a name, and what changes bring."""
     lines = [
         f"{name} {change.text} between the records: a changed setting, not an effect"
         for name, change in diagnosis.changed.items()
     ]
     if diagnosis.discrepancy is not None:
         lines.append(f"what is left: {diagnosis.discrepancy.text}")
+    if diagnosis.confirmed is not None:
+        lines.append(diagnosis.confirmed.text)
     s = diagnosis.shrink
     if s is not None and s.judged is not None:
         j = s.judged

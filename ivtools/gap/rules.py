@@ -418,8 +418,6 @@ class Rules:
 
 # --- a user's own simulator ----------------------------------------------------------------------
 
-#: Ratio of the commands of axis and simulator beyond which they have different units (taste).
-OTHER_UNIT = 10.0
 #: Of the force: logs of axis and simulator that differ by less are one (numerics).
 SAME_LOG = 1e-6
 #: Of the force by which simulator and axis differ: what named effects must explain at least, for a

@@ -33,6 +33,7 @@ _SHIPPED_RATE, _SHIPPED_HOLD = 105.0, 0.9  # 1/s and 1, of MuJoCo's defaults: wh
 _CREEPS = 0.98  # of the misfit to the simulator's log: what it may leave (other joints leave most)
 _DRY = 0.2  # of its friction: what may still be dry where a simulator's friction creeps
 _SAME = 0.01  # of the stroke: references that differ by less are one
+_OTHER_UNIT = 10.0  # ratio of the commands beyond which they have different units
 _SLOWEST = 0.45  # of the record's rate: a held command is late by half a sample
 _HOMED = 0.25  # of the energy that the law leaves of a command: what a shift must leave at most
 _SHARED = 0.5  # of the record that the simulator must cover
@@ -164,6 +165,29 @@ def _seen(simulated: Record, loop: ClosedLoop) -> FitResults:
 
 
 # --- two logs of one reference ------------------------------------------------------------------
+
+
+def brought(
+    real: Record, simulated: Record, loop: ClosedLoop
+) -> tuple[Record, Record, tuple[str, ...]]:
+    """Return both logs at the same instants and from the same place, and what was done for it.
+
+    Raises
+    ------
+    RecordError
+        If they are not of the same reference or units, or share too little time.
+    """
+    real, simulated, notes = together(real, simulated)
+    own, theirs = (float(np.sqrt(np.mean(loop.command(r) ** 2))) for r in (real, simulated))
+    ratio = theirs / max(own, 1e-300)
+    if not 1.0 / _OTHER_UNIT < ratio < _OTHER_UNIT:
+        force = "; that is the drive's gain: it is a force, name its column tau"
+        raise RecordError(
+            f"the simulator's command is {ratio:.3g} times the record's: it looks like another "
+            f"unit{force if abs(ratio / loop.gain - 1.0) < 0.2 else ''}"
+        )
+    simulated, more = homed(real, simulated, loop.known(real))
+    return real, simulated, (*notes, *more)
 
 
 def together(real: Record, simulated: Record) -> tuple[Record, Record, tuple[str, ...]]:
