@@ -60,6 +60,9 @@ class Problem:
         Default: the one that the loop's bandwidth asks for; of a robot, one per joint.
     simulation : mapping
         Options of `ClosedLoop.simulate` for every simulation, such as ``{"stiction": False}``.
+    chosen_by : (n_samples, n_joints) ndarray, optional
+        Velocity that decides which rows the pipeline masks, m/s or rad/s; default: the measured
+        one (see `masked_by`).
 
     Examples
     --------
@@ -73,6 +76,7 @@ class Problem:
     loop: ClosedLoop | Any  # or RobotLoop, which has the same face
     pipeline: Pipeline | Any = None  # filled in below
     simulation: Mapping[str, Any] = field(default_factory=dict)
+    chosen_by: Array | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.record, Record) or not hasattr(self.loop, "joints"):
@@ -151,19 +155,22 @@ class Problem:
     @property
     def t(self) -> Array:
         """Time of the rows, s, (N,)."""
-        rows = self.pipeline.samples(self.record.n_samples, self._speed)
+        rows = self.pipeline.samples(self.record.n_samples, self.speed)
         return self.record.t[rows]
 
     @cached_property
     def row_joints(self) -> NDArray[np.int_]:
         """Joint that each row belongs to, (N,)."""
         if isinstance(self.pipeline, Pipelines):
-            return self.pipeline.row_joints(self.record.n_samples, self._speed)
+            return self.pipeline.row_joints(self.record.n_samples, self.speed)
         return np.zeros(len(self.y), dtype=int)
 
     @property
-    def _speed(self) -> Array | None:
-        return self.motion.dq if self.pipeline.min_speed > 0.0 else None
+    def speed(self) -> Array | None:
+        """Velocity that decides which rows are masked, (n_samples, n_joints), if any are."""
+        if not self.masked:
+            return None
+        return self.motion.dq if self.chosen_by is None else self.chosen_by
 
     @property
     def _from_zero(self) -> Array:
@@ -178,17 +185,17 @@ class Problem:
             loop: Any = self.loop
             known = self.load + loop.held_force(motion, force, t)
             columns = beside(loop.regressor(motion, force, t), force - known)
-            return self.pipeline.rows(columns, self._speed)
+            return self.pipeline.rows(columns, self.speed)
         rows = self._regressor_rows(motion, force, t)
-        return beside(rows, self.pipeline.rows(force - self.load, self._speed))
+        return beside(rows, self.pipeline.rows(force - self.load, self.speed))
 
     def _regressor_rows(self, motion: Motion, force: Array, t: Array) -> Array:
         """Return the rows of the regressor; those of a long record term by term, to save memory."""
         if len(t) <= _LONG or isinstance(self.pipeline, Pipelines):
-            return self.pipeline.rows(self.loop.regressor(motion, force, t), self._speed)
+            return self.pipeline.rows(self.loop.regressor(motion, force, t), self.speed)
         loop: Any = self.loop
         blocks = loop.blocks(motion, force, t)
-        rows = np.hstack([self.pipeline.rows(block, self._speed) for block in blocks])
+        rows = np.hstack([self.pipeline.rows(block, self.speed) for block in blocks])
         return np.asfortranarray(rows)  # as all at once, so that results are the same
 
     # --- simulated -----------------------------------------------------------------------------
@@ -279,6 +286,33 @@ class Problem:
         """Whether the pipeline leaves out where the direction of motion is in doubt."""
         return self.pipeline.min_speed > 0.0
 
+    def masked_by(self, theta: Theta | None) -> Problem:
+        """Return the problem with the rows in which the loop simulated at theta moves.
+
+        Noise has its say in when an axis that sticks comes to rest and breaks away. Where the
+        measured velocity chooses the rows, it keeps those that noise has pushed along and drops
+        those that noise has stopped: the noise of the rows that stay has a mean, along the
+        motion, and friction comes out too small. A simulation from the reference chooses without
+        knowing the noise, as it makes the instruments.
+
+        Parameters
+        ----------
+        theta : mapping, Series or array_like
+
+        References
+        ----------
+        J. J. Heckman, "Sample selection bias as a specification error", Econometrica 47, 1979.
+
+        Raises
+        ------
+        EstimationError
+            If the simulated loop is unstable, or rests throughout.
+        """
+        motion = self._trajectory(theta, filtered=True, scale_gain=False)[1]
+        if not self.pipeline.moving(len(motion.dq), motion.dq).any():
+            raise EstimationError("the simulated loop rests throughout at these parameters")
+        return replace(self, chosen_by=motion.dq)
+
     @cached_property
     def _driven(self) -> Record:
         return driven_by(self.loop.command(self.record), self.motion, self.record)
@@ -306,7 +340,7 @@ class Problem:
         jump = change @ [values[name] for name in self.names]  # of the friction, N or N m
         kick = np.abs(jump)[:, np.newaxis] * self.record.dt / values["inertia"]  # m/s or rad/s
         columns[k] += share_behind(np.abs(dq[k]), np.abs(later[k]), kick) * change
-        return self.pipeline.rows(beside(columns, force - self.load), self._speed)
+        return self.pipeline.rows(beside(columns, force - self.load), self.speed)
 
     def _simulated(
         self, theta: Theta | None, filtered: bool, scale_gain: bool
@@ -361,7 +395,7 @@ class Problem:
         theta = solve_iv(self.X, self.y, names=self.names)
         if "inertia" in self.names and not self._plausible(theta[self.names.index("inertia")]):
             places = position_columns(self.motion.q[:, 0], self.loop.joint)
-            places = self.pipeline.rows(places, self._speed)
+            places = self.pipeline.rows(places, self.speed)
             theta = start_values(self.X, self.y, places)
         return dict(zip(self.names, theta.tolist(), strict=True))
 

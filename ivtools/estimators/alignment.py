@@ -78,8 +78,7 @@ def _residuals(problem: Problem, start: Start, lags: range) -> Array:
     Z = problem.instruments(theta)[kept]  # (N, p)
     force = problem.loop.force(problem.record)
     shifted = [replace(pipeline, force_shift=float(lag)).align(force) for lag in lags]
-    speed = problem.motion.dq if pipeline.min_speed > 0.0 else None
-    Y = pipeline.rows(np.hstack(shifted), speed)[kept]  # (N, k)
+    Y = pipeline.rows(np.hstack(shifted), problem.speed)[kept]  # (N, k)
     X = problem.X[kept]
     residuals: Array = Y - X @ (influence(X, Z).T @ Y)
     return residuals

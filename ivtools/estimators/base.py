@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ivtools.errors import ConvergenceWarning, EstimationError
+from ivtools.errors import ConvergenceWarning, EstimationError, IVToolsError
 from ivtools.estimators.contradiction import checked
 from ivtools.linalg import CovType
 from ivtools.loop import ClosedLoop, RobotLoop
@@ -42,6 +42,8 @@ class Estimator(ABC):
     key: ClassVar[str]
     robots: ClassVar[bool] = False
     """Whether the method knows more than one joint."""
+    chooses: ClassVar[bool] = False
+    """Whether the loop simulated at the estimate chooses the rows of a second one."""
 
     cov_type: CovType = "hac"
 
@@ -88,7 +90,7 @@ class Estimator(ABC):
             )
         start = perf_counter()
         try:
-            results = self.estimate(problem)
+            results = self._chosen(problem, self.estimate(problem))
         except np.linalg.LinAlgError as error:
             raise EstimationError(
                 f"{self.key} cannot solve its equations ({error}); the record shows too little, or "
@@ -101,6 +103,29 @@ class Estimator(ABC):
             if not results.converged:
                 self._warn(f"to what can be true: {results.notes[1]}")
         return replace(results, runtime=perf_counter() - start)
+
+    def _chosen(self, problem: Problem, first: FitResults) -> FitResults:
+        """Estimate again from there, on the rows that noise has not chosen.
+
+        `Problem.masked_by` says why. Without a mask, or a simulation, the first estimate is all;
+        nor is a search repeated that had more to find than the problem's own parameters.
+        """
+        axis = self.chooses and isinstance(problem.loop, ClosedLoop)
+        if not (axis and problem.masked and {*first.names} == {*problem.names}):
+            return first
+        near = {"start": first.params.to_dict(), "scale_gain": False}
+        known = {f.name for f in fields(self)}
+        again = replace(self, **{k: v for k, v in near.items() if k in known})  # type: ignore[arg-type]
+        try:
+            second = again.estimate(problem.masked_by(first.params))
+        except IVToolsError:  # nothing to simulate there
+            return first
+        return replace(
+            second,
+            problem=problem,
+            n_iter=first.n_iter + second.n_iter,
+            n_simulations=first.n_simulations + second.n_simulations + 1,
+        )
 
     def _warn(self, how: str) -> None:
         warnings.warn(f"{self.key} has not converged {how}", ConvergenceWarning, stacklevel=3)

@@ -133,6 +133,7 @@ class LMIIV(LMILS):
     """
 
     key: ClassVar[str] = "lmi-iv"
+    chooses: ClassVar[bool] = True
 
     tol: float = 1e-4
     max_iter: int = 20

@@ -77,6 +77,7 @@ class DIDIM(Estimator):
 
     key: ClassVar[str] = "didim"
     robots: ClassVar[bool] = True
+    chooses: ClassVar[bool] = True
 
     tol: float = 1e-4
     max_iter: int = 20
@@ -157,5 +158,6 @@ class CLIE(SimulatedError):
     """
 
     key: ClassVar[str] = "clie"
+    chooses: ClassVar[bool] = True
 
     signal: Signal | None = "force"

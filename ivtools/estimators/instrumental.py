@@ -82,6 +82,7 @@ class IDIMIV(Estimator):
 
     key: ClassVar[str] = "idim-iv"
     robots: ClassVar[bool] = True
+    chooses: ClassVar[bool] = True
 
     tol: float = 1e-4
     max_iter: int = 30

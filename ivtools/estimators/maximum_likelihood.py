@@ -190,8 +190,7 @@ def sensitivities(problem: Problem) -> Array:
     """
     motion, tau = problem.motion, problem.force
     t = problem.record.t - problem.record.t[0]
-    speed = motion.dq if problem.pipeline.min_speed > 0.0 else None
-    rows = problem.pipeline.samples(problem.record.n_samples, speed)
+    rows = problem.pipeline.samples(problem.record.n_samples, problem.speed)
     at = Motion(*(signal[rows] for signal in motion))
     blocks = [_slope(problem, at, tau[rows], t[rows], name) for name in Motion._fields]
     return np.stack(blocks, axis=1)

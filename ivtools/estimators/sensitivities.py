@@ -144,8 +144,7 @@ class SimulatedSignal:
 
     def _rows(self, signals: Array) -> Array:
         problem = self.problem
-        speed = problem.motion.dq if problem.pipeline.min_speed > 0.0 else None
-        return problem.pipeline.rows(signals, speed)
+        return problem.pipeline.rows(signals, problem.speed)
 
 
 def scales(problem: Problem) -> dict[str, float]:

@@ -454,10 +454,10 @@ class ClosedLoop(Model):
         record : Record
         rule : {"record", "report"}, optional
             "report" is that and no more. "record" also trims both ends, puts the force at the time
-            of the position, and masks what moves too slowly to have a direction: less than 2 % of
-            the highest speed, or than 6 standard deviations of the velocity's noise, and a period
-            of the cut-off on either side; a model with an effect that shows there (Stribeck's)
-            keeps every row. Default: that of the axis file, else "record".
+            of the position, and masks what moves too slowly to have a direction: less than 0.5 %
+            of the highest speed, or than 3 standard deviations of the velocity's noise, and half a
+            period of the cut-off on either side; a model with an effect that shows there
+            (Stribeck's) keeps every row. Default: that of the axis file, else "record".
         **settings
             Any parameter of `Pipeline`, used instead of the rule's and the axis file's. One of
             `min_speed` and `guard` switches the rule of both off.

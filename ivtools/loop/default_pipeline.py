@@ -25,8 +25,9 @@ SLOWLY = ("stribeck", "regularised-coulomb", "presliding", "sqrt-viscous", "back
 """Effects that show at low speed: a model with one of them keeps every row."""
 
 WIDEST = 0.08  # of the sampling rate: the bandwidth whose cut-off, five times it, is still a filter
-SLOW = 0.02  # of the highest speed: slower is a reversal or a standstill
-CERTAIN = 6.0  # standard deviations of the velocity's noise: faster has a direction
+SLOW = 0.005  # of the highest speed: slower is a reversal or a standstill
+CERTAIN = 3.0  # standard deviations of the velocity's noise: faster has a direction
+SMEARED = 0.5  # periods of the cut-off: to either side, the low-pass smears a reversal so far
 ABOVE = 10.0  # times the power of the noise: a motion
 MOST = 0.95  # of the velocity's power that the band of a free motion holds
 LEAST = 0.2  # of the rows a mask must leave
@@ -88,7 +89,8 @@ def _masked(pipeline: Pipeline, record: Record) -> Pipeline:
     noise = velocity_noise(pipeline, record, motion)
     least = max(SLOW * float(speed.max()), CERTAIN * noise)
     cutoff = pipeline.cutoff_hz
-    guard = pipeline.decimation if cutoff is None else int(round(record.sampling_hz / cutoff))
+    smeared = SMEARED * record.sampling_hz / cutoff if cutoff else pipeline.decimation
+    guard = int(round(smeared))
     found = None  # the first that leaves enough rows
     while least > 1e-3 * SLOW * speed.max():
         masked = replace(pipeline, min_speed=least, guard=guard)

@@ -13,7 +13,6 @@ from ..linalg import solve_iv
 from ..pipeline import Pipeline
 from ..pipelines import Pipelines
 from ..record import Record
-from .default_pipeline import SLOW
 from .standing import at_rest
 
 if TYPE_CHECKING:
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _BAND = 3.0  # of a motion's own band, for a first guess
+SLOW = 0.02  # of the highest speed: slower is a reversal or a standstill
 _FASTEST = 0.1  # of the sampling rate: the highest cut-off of a filter
 _GUESSES: WeakKeyDictionary[Record, dict[int, Any]] = WeakKeyDictionary()
 
