@@ -38,10 +38,13 @@ def joint_figures(fit: FitResults) -> dict[str, dict[str, float]]:
 
 def joint_notes(fit: FitResults) -> list[str]:
     """Return one line per joint with its errors."""
-    return [
-        f"{name}: {error['relative_error']:.2f} % of the force, {error['rmse']:.3g} rms"
-        for name, error in joint_figures(fit).items()
-    ]
+    lines = []
+    for j, (name, error) in enumerate(joint_figures(fit).items()):
+        assert fit.problem is not None
+        unit = "N" if fit.problem.loop.kind_of(j) == "prismatic" else "N m"
+        share, rmse = error["relative_error"], error["rmse"]
+        lines.append(f"{name}: {share:.2f} % of the force, {rmse:.3g} {unit} rms")
+    return lines
 
 
 def robot_dict(fit: FitResults) -> dict[str, Any]:

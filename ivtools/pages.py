@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 ILL_CONDITIONED = 200.0
 CLOSE = 5.0  # % of the force; friction that is not in the model leaves more
 _FEW = 10  # parameters that a card names one by one
-_NEXT = ("ivtools diagnose names what this model lacks, if anything.",)
+_NEXT = ("Run ivtools diagnose: it names what this model lacks, if anything.",)
 FORCE_CAPTION = "Force measured and reconstructed; below, their difference."
 
 
@@ -106,7 +106,8 @@ def _value(fit: FitResults, name: str) -> str:
     """Return a parameter with its unit and the half width of its 95 % interval."""
     problem = fit.problem
     unit = readable(problem.units[name]) if problem is not None else ""
-    value, half = float(fit.params[name]), 1.96 * float(fit.std_errors[name])
+    value, ends = float(fit.params[name]), fit.conf_int()
+    half = 0.5 * float((ends["upper"] - ends["lower"])[name])
     if not np.isfinite(half) or half == 0.0:
         return f"{value:.4g} {unit}".rstrip()
     places = max(0, 1 - int(np.floor(np.log10(half))))
@@ -136,11 +137,13 @@ def _add_residual(out: Page, fit: FitResults) -> None:
     ]
     others = [[t.name, t.reason] for t in tests if t.statistic is None]
     header = ["test", "holds if p is not small", "statistic", "p value"]
-    caption = (
-        "What is left: its autocorrelation, with the band that white noise keeps in, and spectrum."
-    )
-    one = fit.problem is None or len(fit.problem.loop.joints) == 1  # a series in time
-    pictures = [Picture("residual", plots.whiteness(fit), caption)] if one else []
+    pictures = []
+    if fit.problem is None or len(fit.problem.loop.joints) == 1:  # a series in time
+        near = "The autocorrelation of what is left, with the band that white noise keeps in."
+        pictures = [
+            Picture("residual", plots.whiteness(fit, "autocorrelation"), near),
+            Picture("residual-spectrum", plots.whiteness(fit, "spectrum"), "Its spectrum."),
+        ]
     folded = [("Tests that do not apply", table("", [], ["test", "why"], others, left=2))]
     out.add(
         "The residual, and tests",
@@ -285,8 +288,8 @@ def simulation_card(record: Record, simulation: Simulation) -> Card:
     close = errors["force"] <= CLOSE
     verdict = f"The simulated axis follows; its force is {told.get('force', 'not')} off."
     if close:
-        return Card(verdict, facts)
-    return Card(verdict, facts, ("ivtools diagnose names what the simulation lacks.",), "doubt")
+        return Card(verdict, facts, _NEXT)
+    return Card(verdict, facts, _NEXT, "doubt")
 
 
 def _sentence(text: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import EstimationError, RecordError, ShapeError
+from .errors import EstimationError, IVToolsError, RecordError, ShapeError
 from .linalg import solve_iv
 from .loop import ClosedLoop, RobotLoop, Simulation
 from .loop.model import Theta
@@ -22,6 +23,7 @@ from .record import Record
 
 Array = NDArray[np.float64]
 
+_SHORT = 400  # samples, enough to load the compiled loop
 _LONG = 2_000_000  # samples, from which on memory counts more than time
 ABSURD = 3.0  # ratio of inertias: a force that the model lacks decides
 PULL = 0.12  # natural frequency of the observer, in that of the loop
@@ -197,6 +199,15 @@ class Problem:
         blocks = loop.blocks(motion, force, t)
         rows = np.hstack([self.pipeline.rows(block, self.speed) for block in blocks])
         return np.asfortranarray(rows)  # as all at once, so that results are the same
+
+    def prepare(self) -> None:
+        """Make what all methods share, so that no method's time has it: rows, start, compiled loop.
+
+        What cannot be made is left to the method that needs it, which says why.
+        """
+        with suppress(IVToolsError):
+            short = self.record.slice(0, min(self.record.n_samples, _SHORT))
+            self.loop.simulate(short, self.start, **self.simulation)
 
     # --- simulated -----------------------------------------------------------------------------
 

@@ -71,7 +71,8 @@ class FitResults(Estimates, Goodness, WithTests):
     converged : bool
         Whether the iteration met its tolerance.
     runtime : float
-        Duration of the fit, in s.
+        Duration of the fit, in s. The first fit of a problem makes its rows and loads the compiled
+        loop; `Problem.prepare` does that before.
     notes : tuple of str
         Remarks, one line each.
     extras : Mapping

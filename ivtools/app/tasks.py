@@ -147,6 +147,7 @@ def estimate(order: Order, say: Say) -> dict[str, Any]:
     """Fit every method that was chosen; one that fails is named and the others go on."""
     record, loop, other = order.case(say)
     problem = Problem(record, loop)
+    problem.prepare()
     fits, failed = [], []
     for k, method in enumerate(order.methods, 1):
         say(f"{method}, {k} of {len(order.methods)}")

@@ -155,6 +155,8 @@ def _tasks(
     both = ("symmetric", "asymmetric")
     models = both if friction == options.Frictions.BOTH else (friction,)
     problems = [Problem(record, with_friction(loop, model)) for model in models]
+    for problem in problems:
+        problem.prepare()
     functions = [estimator for estimator in estimators if estimator.key in FUNCTIONS]
     others = [estimator for estimator in estimators if estimator.key not in FUNCTIONS]
     tasks = [(estimator, problem) for problem in problems for estimator in others]

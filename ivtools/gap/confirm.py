@@ -55,7 +55,7 @@ class Confirmation:
             return f"your simulator errs by {before} on {self.record}; the changes: {self.note}"
         expected = quantity(self.predicted, self.unit, 3)
         return (
-            f"confirmed: on {self.record} your simulator errs by {before}, with the changes by "
+            f"your simulator errs by {before} on {self.record}, with the changes by "
             f"{quantity(self.after, self.unit, 3)} ({expected} expected)"
         )
 

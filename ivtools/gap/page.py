@@ -30,6 +30,16 @@ _RECORD_ALONE = (
     "Force measured and simulated, its error, position and velocity; shaded: what stands out once "
     "and does not come again."
 )
+_WHERE = (
+    "What counts: not the transient at the start, the command at its limit, standstill, or the "
+    "stretches that the effects were fitted to."
+)
+_OF_LITTLE = "What each effect would close of the little that is above the floor"
+_ASKED = {
+    "adequate": "Use the model as it is.",
+    "unexplained": "See below where the error sits; an effect of your own can take part (extra).",
+    "non-repeatable": "Record the same motion again, with nothing changed in between.",
+}
 _REPLICATES = {True: "yes", False: "no", None: "one side only"}
 
 
@@ -53,13 +63,18 @@ def page(diagnosis: Diagnosis) -> Page:
         return out
     about = _RECORD if diagnosis.effects else _RECORD_ALONE
     out.add("The record", figures=[figures.over_time(diagnosis, "record", about)])
-    tables = {"where": [], "which": [ranking_table(diagnosis)], "how-far": [_signals(diagnosis)]}
-    titles = ("Where", "Which effect", "How far")
+
+    def drawn(what: Sequence[figures.Drawn]) -> list[Picture]:
+        return [Picture(name, draw(diagnosis), caption) for name, draw, caption in what]
+
+    out.add("Where", _WHERE, figures=drawn(figures.WHERE))
     beside = [f"{e} shows only once the other effects are in the model." for e in diagnosis.beside]
-    for title, (name, draw, caption) in zip(titles, figures.SET, strict=True):
-        picture = Picture(name, draw(diagnosis), caption)
-        told = [*beside, *_nothing(diagnosis)] if name == "which" else []
-        out.add(title, *told, tables=tables[name], figures=[picture])
+    told, ranked = [*beside, *_nothing(diagnosis)], ranking_table(diagnosis)
+    if diagnosis.verdict == "adequate":  # shares of next to nothing
+        out.add("Which effect", *told, folded=[(_OF_LITTLE, ranked)])
+    else:
+        out.add("Which effect", *told, tables=[ranked], figures=drawn(figures.WHICH))
+    out.add("How far", tables=[_signals(diagnosis)], figures=drawn(figures.HOW_FAR))
     if rest := _remarks(diagnosis)[_NEXT:]:
         out.add("More remarks", *rest)
     return out
@@ -82,13 +97,25 @@ def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
     verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
     told = [_sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
     tables = [named_table(diagnosis)] if diagnosis.replicas else []
-    charts = []
+    charts, folded = [], []
     if diagnosis.traces is not None and diagnosis.shrink is not None:
-        tables.append(ranking_table(diagnosis))
+        if diagnosis.verdict == "adequate":
+            folded = [(_OF_LITTLE, ranking_table(diagnosis))]
+        else:
+            tables.append(ranking_table(diagnosis))
         about = _RECORD if diagnosis.effects else _RECORD_ALONE
         charts.append(figures.over_time(diagnosis, figure, about))
     remarks = map(_sentence, diagnosis.advice)
-    out.add(title, verdict, *gap_text(diagnosis), *told, *remarks, tables=tables, figures=charts)
+    out.add(
+        title,
+        verdict,
+        *gap_text(diagnosis),
+        *told,
+        *remarks,
+        tables=tables,
+        figures=charts,
+        folded=folded,
+    )
 
 
 def _lead(diagnosis: Diagnosis) -> str:
@@ -145,8 +172,22 @@ def _card(diagnosis: Diagnosis) -> Card:
     verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
     if s is None:
         verdict = "No answer: the record or the axis file must be looked at first."
+    if diagnosis.confirmed is not None:
+        facts.append(("Your simulator", diagnosis.confirmed.text.removeprefix("your simulator ")))
     tone = "bad" if s is None else _TONES.get(diagnosis.verdict, "doubt")
-    return Card(verdict, tuple(facts), tuple(_remarks(diagnosis)[:_NEXT]), tone)
+    remarks = _remarks(diagnosis)[:_NEXT]
+    return Card(verdict, tuple(facts), (*_next(diagnosis), *remarks), tone)
+
+
+def _next(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return what the verdict itself asks for; a fault of the input says so in its remark."""
+    if diagnosis.shrink is None:
+        return ()
+    if diagnosis.changes:
+        return ("Make the changes below in your simulator; ivtools export writes them.",)
+    if diagnosis.effects:
+        return ("Put what is named into your model; ivtools export writes it for other tools.",)
+    return (_ASKED[diagnosis.verdict],) if diagnosis.verdict in _ASKED else ()
 
 
 def _percent(share: float) -> str:
@@ -160,9 +201,9 @@ def _percent(share: float) -> str:
     return f"{share:.0f}" if share >= 10.0 else f"{share:.1f}" if share >= 0.1 else f"{share:.2g}"
 
 
-def _seen(replica: Replica, name: str) -> str:
-    """Return a parameter's value on the side that judged, or else on the other."""
-    return replica.value(name, 1 if replica.values[name][1] is not None else 0)
+def _fitted(replica: Replica, name: str) -> str:
+    """Return a parameter's value on the side that it was fitted to, or else on the other."""
+    return replica.value(name, 0 if replica.values[name][0] is not None else 1)
 
 
 def effects_text(diagnosis: Diagnosis) -> list[str]:
@@ -170,7 +211,7 @@ def effects_text(diagnosis: Diagnosis) -> list[str]:
     told = []
     for effect in diagnosis.effects:
         replica = next((r for r in diagnosis.replicas if r.effect == effect), None)
-        values = ", ".join(f"{k} {_seen(replica, k)}" for k in replica.values) if replica else ""
+        values = ", ".join(f"{k} {_fitted(replica, k)}" for k in replica.values) if replica else ""
         text = f"{effect}: {values}" if values else effect
         if effect in diagnosis.probability:
             text += diagnosis.chance(effect)

@@ -77,17 +77,21 @@ class RobotDiagnosis:
 
     def summary(self) -> Text:
         """Return joints, verdicts, effects and errors as a table."""
-        header = ("joint", "verdict", "effects", "before", "after", "coupled", "after")
+        header = ("joint", "verdict", "effects", "unit", "by itself", "coupled")
         rows = []
         for name, d in self.joints.items():
             s = d.shrink
-            own = ("", "") if s is None else (f"{s.before:.3g}", f"{s.after:.3g}")
-            whole = (f"{x[name]:.3g}" for x in self.coupled)
-            rows.append((name, d.verdict, ", ".join(d.effects), *own, *whole))
-        lines = ["force errors, rms: of each joint by itself, and of one simulation of all"]
+            own = "" if s is None else f"{s.before:.3g} -> {s.after:.3g}"
+            whole = " -> ".join(f"{x[name]:.3g}" for x in self.coupled)
+            unit = "" if s is None else s.unit
+            rows.append((name, d.verdict, ", ".join(d.effects), unit, own, whole))
+        lines = [
+            "force error, rms, before -> after: of each joint by itself, and coupled, of one",
+            "simulation of all",
+        ]
         told = [f"{name}: {text}" for name, d in self.joints.items() for text in _told(d)]
         title = f"Diagnosis of {self.robot} on {self.name}"
-        return table(title, lines, header, rows, [*self.notes, *told], left=3)
+        return table(title, lines, header, rows, [*self.notes, *told], left=4)
 
     def fleet(self) -> Fleet:
         """Return the joints as the entries of a fleet."""
@@ -102,8 +106,8 @@ class RobotDiagnosis:
 
         out = Page(f"Diagnosis of {self.robot}", f"Joint by joint, on {self.name}.", self._card())
         caption = (
-            "Effects by joint, and the force error of each joint by itself, before (grey) and "
-            "after (brown) they are in the model, with its 95 % interval and the floor (green)."
+            "Effects by joint, and the force error of each joint by itself, before and "
+            "after they are in the model, with its 95 % interval and the floor."
         )
         out.add("The joints at a glance", figures=[Picture("joints", fleet(self.fleet()), caption)])
         out.add("Joints", tables=[self.summary()])
@@ -133,7 +137,9 @@ class RobotDiagnosis:
         good = {"adequate", "explained"} >= {verdict for verdict, _ in counts}
         plural = "s" if len(self.joints) != 1 else ""
         verdict = f"{len(self.joints)} joint{plural}: {told}."
-        return Card(verdict, tuple(facts), tuple(self.notes[:4]), "good" if good else "doubt")
+        asked = ("Put what is named into the model of its joint.",) if self.effects else ()
+        steps = (*asked, *self.notes[:4])
+        return Card(verdict, tuple(facts), steps, "good" if good else "doubt")
 
     def to_html(self, path: str | Path) -> Path:
         """Write the overview as one page."""

@@ -43,7 +43,8 @@ def fleet(result: Fleet) -> Sheet:
     height = min(max(_ROW_MM * len(result) + 38.0, _LEAST_MM), _MOST_MM)
     with look():
         figure = sheet(WIDTH_MM, height)
-        left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
+        room = min(0.4 + 0.4 * max(len(_columns(result)), 1), 3.0)
+        left, right = figure.subplots(1, 2, sharey=True, width_ratios=(room, 2))
         _matrix(left, result)
         _errors(right, result)
         figure.legend(

@@ -18,6 +18,7 @@ from ivtools.plots.style import (
     legend_above,
     line,
     look,
+    parted,
     readable,
     sheet,
     units_of,
@@ -148,10 +149,11 @@ class _Shown:
             quantity = results.signal
         t = np.arange(len(y), dtype=float) if t is None else t
         mine = slice(None) if joint is None or own is None else own.row_joints == joint
+        t, y, model = parted(t[mine], y[mine], model[mine])
         return cls(
-            t=t[mine],
-            y=y[mine],
-            model=model[mine],
+            t=t,
+            y=y,
+            model=model,
             quantity=quantity,
             unit=readable(units_of(kind)[quantity]),
             across="time, s" if own is not None else "row",
@@ -160,4 +162,5 @@ class _Shown:
     @property
     def relative_error(self) -> float:
         """Return 100 ||y - model|| / ||y||, %."""
-        return 100.0 * float(np.linalg.norm(self.y - self.model) / np.linalg.norm(self.y))
+        y, model = self.y[np.isfinite(self.y)], self.model[np.isfinite(self.y)]
+        return 100.0 * float(np.linalg.norm(y - model) / np.linalg.norm(y))

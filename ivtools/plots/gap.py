@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import SubFigure
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from ivtools.plots import panels
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 WIDTH_MM = 170.0  # two columns
+_NARROW_MM = 90.0  # two beside each other on a page, one on a phone
 
 
 def gap(diagnosis: Diagnosis) -> Sheet:
@@ -49,25 +50,40 @@ def gap(diagnosis: Diagnosis) -> Sheet:
     return figure
 
 
-def where(diagnosis: Diagnosis) -> Sheet:
-    """Draw where the gap sits: over time, position and velocity, by region, and in frequency."""
-    with look():
-        figure = sheet(WIDTH_MM, 115.0)
-        upper, lower = (
-            row.subplots(1, 2, width_ratios=(3, 2)) for row in _parts(figure.subfigures(2, 1))
-        )
-        panels.error_over_time(upper[0], diagnosis)
-        panels.shares_by_region(upper[1], diagnosis)
-        panels.error_in_the_plane(lower[0], diagnosis)
-        panels.spectrum(lower[1], diagnosis)
-    return figure
+def error(diagnosis: Diagnosis) -> Sheet:
+    """Draw the force error over time, faint where it does not count."""
+    return _one(panels.error_over_time, diagnosis)
+
+
+def regions(diagnosis: Diagnosis) -> Sheet:
+    """Draw the share of the error's energy by region of the motion."""
+    return _one(panels.shares_by_region, diagnosis)
+
+
+def plane(diagnosis: Diagnosis) -> Sheet:
+    """Draw the error over position and velocity."""
+    return _one(panels.error_in_the_plane, diagnosis)
+
+
+def spectrum(diagnosis: Diagnosis) -> Sheet:
+    """Draw the spectrum of the error, and of the floor."""
+    return _one(panels.spectrum, diagnosis)
 
 
 def which(diagnosis: Diagnosis) -> Sheet:
     """Draw the ranking of the effects."""
+    return _one(panels.ranking, diagnosis)
+
+
+def before_and_after(diagnosis: Diagnosis) -> Sheet:
+    """Draw the gap before and after."""
+    return _one(panels.before_and_after, diagnosis)
+
+
+def _one(panel: Callable[[Axes, Diagnosis], None], diagnosis: Diagnosis) -> Sheet:
     with look():
-        figure = sheet(110.0, 70.0)
-        panels.ranking(figure.subplots(), diagnosis)
+        figure = sheet(_NARROW_MM, 65.0)
+        panel(figure.subplots(), diagnosis)
     return figure
 
 
@@ -110,13 +126,11 @@ def over_time(diagnosis: Diagnosis, name: str, caption: str) -> Chart:
     return Chart(name, record.t, shown, caption, (*worst(record.t, keep), *events[:8]))
 
 
-def how_far(diagnosis: Diagnosis) -> Sheet:
-    """Draw the gap before and after, and the forces around the worst second."""
+def worst_second(diagnosis: Diagnosis) -> Sheet:
+    """Draw the forces around the worst second, and their difference."""
     with look():
-        figure = sheet(WIDTH_MM, 80.0)
-        left, right = _parts(figure.subfigures(1, 2, width_ratios=(2, 3)))
-        panels.before_and_after(left.subplots(), diagnosis)
-        upper, lower = right.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        figure = sheet(_NARROW_MM, 65.0)
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         rows = panels.worst_second(panels.traces_of(diagnosis))
         panels.force(upper, diagnosis, rows)
         panels.difference(lower, diagnosis, rows)
@@ -124,34 +138,41 @@ def how_far(diagnosis: Diagnosis) -> Sheet:
     return figure
 
 
-#: Name, function and caption of every figure of a page.
-SET = (
+Drawn = tuple[str, Callable[[Any], Sheet], str]  # name, function and caption of a figure
+
+#: Figures of a page, by the question that they answer.
+WHERE: tuple[Drawn, ...] = (
+    ("error", error, "The force error over time, faint where it does not count."),
     (
-        "where",
-        where,
-        "Where the gap sits. Top: force error over time (faint where it does not count: transient, "
-        "limit, standstill, or the stretches that the effects were fitted to), and the share of "
-        "its energy by region against the share of the time. Bottom: the error before, over "
-        "position and velocity, and its spectrum.",
+        "regions",
+        regions,
+        "Share of the error's energy by region of the motion, against the share of the time: an "
+        "effect sits where the one is larger than the other.",
     ),
+    ("plane", plane, "The error over position and velocity."),
+    ("spectrum", spectrum, "The spectrum of the error, and of the floor."),
+)
+WHICH: tuple[Drawn, ...] = (
     (
         "which",
         which,
-        "Which effect: share of the reducible gap that each effect closes alone, on held-out data; "
-        "hatched where it is the screening's estimate.",
-    ),
-    (
-        "how-far",
-        how_far,
-        "How far: force error on held-out data, with 95 % interval and floor; measured and "
-        "simulated force around the worst second, and their difference below.",
+        "Share of the reducible gap that each effect closes alone, on held-out data; hatched "
+        "where it is the screening's estimate.",
     ),
 )
-
-
-def _parts(found: Any) -> list[SubFigure]:
-    """Return subfigures, whatever matplotlib says that they are."""
-    return list(found)
+HOW_FAR: tuple[Drawn, ...] = (
+    (
+        "how-far",
+        before_and_after,
+        "Force error on held-out data, with the floor and, where something is named, the 95 % "
+        "interval.",
+    ),
+    (
+        "worst-second",
+        worst_second,
+        "Measured and simulated force around the worst second; below, their difference.",
+    ),
+)
 
 
 def _title(diagnosis: Diagnosis) -> str:

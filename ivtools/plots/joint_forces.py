@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ivtools.plots.style import COLOURS, Sheet, fit_to_inner, legend_above, line, look, sheet
+from ivtools.plots.style import (
+    COLOURS,
+    Sheet,
+    fit_to_inner,
+    legend_above,
+    line,
+    look,
+    parted,
+    sheet,
+)
 
 if TYPE_CHECKING:
     from ivtools.loop import Simulation
@@ -87,8 +96,7 @@ def _drawn(rows: Rows, names: Sequence[str], model: str, title: str) -> Sheet:
         figure = sheet(WIDTH_MM, 14.0 + _JOINT_MM * len(rows))
         panels = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
         for (left, right), (unit, t, y, fitted), name in zip(panels, rows, names, strict=True):
-            broken = np.flatnonzero(np.diff(t) > 5.0 * np.median(np.diff(t))) + 1  # rows left out
-            t, y, fitted = (np.insert(x, broken, np.nan) for x in (t, y, fitted))
+            t, y, fitted = parted(t, y, fitted)
             line(left, t, y, color=COLOURS["measured"], lw=1.5, label="measured")
             line(left, t, fitted, color=COLOURS["model"], lw=0.7, label=model)
             error = y - fitted

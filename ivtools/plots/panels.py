@@ -10,7 +10,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Patch
 
 from ivtools.errors import DataError
-from ivtools.plots.style import COLOURS, legend_above, line, readable
+from ivtools.plots.style import COLOURS, legend_above, line, readable, scaled, units_of
 
 if TYPE_CHECKING:
     from ivtools.gap.diagnosis import Diagnosis
@@ -119,9 +119,12 @@ def error_in_the_plane(axes: Axes, diagnosis: Diagnosis) -> None:
     kept = np.flatnonzero(traces.keep)
     rows = kept[:: max(len(kept) // 5000, 1)]
     size = np.quantile(np.abs(traces.before[rows]), 0.98)
+    units = units_of(diagnosis.loop.joint)
+    q_factor, q_unit = scaled(q, units["position"])
+    v_factor, v_unit = scaled(v, units["velocity"])
     points = axes.scatter(
-        q[rows],
-        v[rows],
+        q_factor * q[rows],
+        v_factor * v[rows],
         c=traces.before[rows],
         s=2.0,
         cmap=_SIGNED,
@@ -130,11 +133,11 @@ def error_in_the_plane(axes: Axes, diagnosis: Diagnosis) -> None:
         rasterized=True,
         linewidths=0,
     )
-    length = "m" if diagnosis.loop.joint == "prismatic" else "rad"
-    axes.set_xlabel(f"position, {length}")
-    axes.set_ylabel(f"velocity, {length}/s")
+    axes.set_xlabel(f"position, {q_unit}")
+    axes.set_ylabel(f"velocity, {v_unit}")
     assert axes.figure is not None
-    axes.set_title(f"force error before, {_unit(diagnosis)}", loc="left")
+    before = " before" if diagnosis.effects else ""
+    axes.set_title(f"force error{before}, {_unit(diagnosis)}", loc="left")
     axes.figure.colorbar(points, ax=axes, aspect=30, pad=0.02, extend="both")
 
 

@@ -152,7 +152,7 @@ def heatmap(
         for (row, column), value in np.ndenumerate(values):
             dark = bool(np.isfinite(value) and norm(value) > 0.6)
             text = f"{value:.2g}" if np.isfinite(value) else "\u2013"
-            colour = "white" if dark else "black"
+            colour = "#fdfdfd" if dark else "#111111"  # on a dark page too
             axes.text(column, row, text, ha="center", va="center", color=colour, fontsize=6.5)
         what = "over all parameters" if parameter is None else f"of {shown_name(parameter)}"
         axes.set_title(f"RMSE {what}, %")

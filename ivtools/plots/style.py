@@ -42,8 +42,10 @@ _THEMED = {
     "#a03c00": "model",
     "#57606a": "soft",
     "#c8c8c8": "other",
+    "#009e73": "reference",
 }
 MARKERS = "osD^vP*X"
+_STRETCHES = 800  # that a picture of a long signal tells apart
 
 _STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -102,8 +104,28 @@ def sheet(width_mm: float, height_mm: float) -> Sheet:
 
 
 def line(axes: Axes, t: Array, x: Array, **options: Any) -> None:
-    """Draw a signal; one with many samples becomes pixels, which keeps the file small."""
-    axes.plot(t, np.ravel(x), rasterized=len(t) > 3000, **options)
+    """Draw a signal; of one with many samples the least and greatest of each stretch."""
+    t, x = np.ravel(t), np.ravel(x)
+    if len(t) > 4 * _STRETCHES:
+        starts = np.linspace(0, len(t), _STRETCHES + 1).astype(int)[:-1]
+        t = np.repeat(t[starts], 2)
+        x = np.stack([np.fmin.reduceat(x, starts), np.fmax.reduceat(x, starts)], axis=1).ravel()
+    axes.plot(t, x, **options)
+
+
+def parted(t: Array, *signals: Array) -> tuple[Array, ...]:
+    """Return time and signals with a NaN where rows are left out: no line is drawn there.
+
+    Examples
+    --------
+    >>> t, x = parted(np.array([0.0, 1.0, 2.0, 9.0]), np.ones(4))
+    >>> t.tolist(), x.tolist()
+    ([0.0, 1.0, 2.0, 5.5, 9.0], [1.0, 1.0, 1.0, nan, 1.0])
+    """
+    steps = np.diff(t)
+    after = np.flatnonzero(steps > 5.0 * np.median(steps)) + 1 if steps.size else np.arange(0)
+    middles = 0.5 * (t[after - 1] + t[after])
+    return np.insert(t, after, middles), *(np.insert(x, after, np.nan) for x in signals)
 
 
 def fit_to_inner(axes: Axes, *errors: Array) -> None:
@@ -111,8 +133,9 @@ def fit_to_inner(axes: Axes, *errors: Array) -> None:
 
     What is larger there runs off the axes, in sight.
     """
-    x = np.concatenate([np.ravel(error) for error in errors])
-    inner = np.concatenate([_inner(np.ravel(error)) for error in errors])
+    known = [x[np.isfinite(x)] for x in map(np.ravel, errors)]
+    x = np.concatenate(known)
+    inner = np.concatenate([_inner(error) for error in known])
     low, high = float(inner.min()), float(inner.max())
     if np.ptp(x) > 1.5 * (high - low) > 0.0:
         margin = 0.15 * (high - low)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,12 +20,17 @@ WIDTH_MM = 160.0
 LAGS = 40
 
 
-def whiteness(results: FitResults) -> Sheet:
+View = Literal["autocorrelation", "spectrum"]
+
+
+def whiteness(results: FitResults, only: View | None = None) -> Sheet:
     """Draw the autocorrelation of the residual, with the band of white noise, and its spectrum.
 
     Parameters
     ----------
     results : FitResults
+    only : {"autocorrelation", "spectrum"}, optional
+        Draw one of the two, half as wide.
 
     Returns
     -------
@@ -43,10 +48,13 @@ def whiteness(results: FitResults) -> Sheet:
     problem = results.problem
     joint = problem.loop.joint if problem is not None else "prismatic"
     with look():
-        figure = sheet(WIDTH_MM, 58.0)
-        left, right = figure.subplots(1, 2)
-        _autocorrelation(left, e, step)
-        _spectrum(right, e, step, readable(units_of(joint)[results.signal]))
+        views = ("autocorrelation", "spectrum") if only is None else (only,)
+        figure = sheet(0.5 * WIDTH_MM * len(views), 58.0)
+        for axes, view in zip(figure.subplots(1, len(views), squeeze=False)[0], views, strict=True):
+            if view == "autocorrelation":
+                _autocorrelation(axes, e, step)
+            else:
+                _spectrum(axes, e, step, readable(units_of(joint)[results.signal]))
     return figure
 
 

@@ -168,8 +168,8 @@ class Fleet:
 
         out = Page(self._title, "Each record against the same model.", self._card())
         caption = (
-            "Effects by record, and the force error on held-out data before (grey) and after "
-            "(brown) they are in the model, with its 95 % interval and the floor (green)."
+            "Effects by record, and the force error on held-out data before and after "
+            "they are in the model, with its 95 % interval and the floor."
         )
         pictures = [Picture("fleet", self.plot(), caption)] if self.done else []
         text = Text(str(self.summary()), self._html(links))
@@ -190,9 +190,10 @@ class Fleet:
             before, after = (median(s[key] for s in judged) for key in ("before", "after"))
             change = f"{before:.3g} {self.unit} → {after:.3g} {self.unit}"
             facts.append(("Force error, rms, median", change))
-        remarks = [f"{e.name}: {e.error}" for e in self.failed[:4]]
-        if len(self.failed) > 4:
-            remarks.append(f"and {len(self.failed) - 4} more that failed: see the table")
+        idle = [e for e in self.entries if e.content is None or not e.shrink]  # nothing was judged
+        remarks = [f"{e.name}: {e.remark}" for e in idle[:4]]
+        if len(idle) > 4:
+            remarks.append(f"and {len(idle) - 4} more that were not judged: see the table")
         counts = Counter(e.verdict for e in self.entries).most_common()
         told = ", ".join(f"{count} {verdict}" for verdict, count in counts)
         verdict = f"{len(self)} records: {told}."
