@@ -109,6 +109,8 @@ def demo(progress: Callable[[str], object] = str) -> Demo:
     """
     record, loop = datasets.twin(), axes.emps()
     problems = {name: Problem(record, loop.with_terms(*terms)) for name, terms in _TERMS.items()}
+    for problem in problems.values():
+        problem.prepare()
     fits = []
     for method, model in STEPS:
         fits.append(estimator_class(method)().fit(problems[model]))
@@ -121,6 +123,7 @@ def demo(progress: Callable[[str], object] = str) -> Demo:
 def page(result: Demo) -> Page:
     """Return the page of a demo."""
     from ivtools import plots
+    from ivtools.plots import gap as figures
 
     record = result.problem.record
     out = Page("An axis identified: the ivtools demo", LEAD, card(result))
@@ -154,18 +157,14 @@ def page(result: Demo) -> Page:
         "the diagnosis what is wrong with it; it screens every effect that it knows, and names one "
         "only if it replicates on parts of the record that it was not fitted to.",
         tables=[diagnosis.summary()],
-        figures=[Picture("diagnosis", diagnosis.plot(), _CAPTION)],
+        figures=[
+            Picture(name, draw(diagnosis), caption)
+            for name, draw, caption in (*figures.WHERE[:1], *figures.WHICH, *figures.HOW_FAR)
+        ],
     )
     add_simulation(out, result.best[-1])
     out.add("All methods", tables=[result.comparison.summary()])
     return out
-
-
-_CAPTION = (
-    "The diagnosis at a glance: the force error before and after (faint: the stretches that the "
-    "effects were fitted to), what each effect closes, the forces around the worst second, and "
-    "how far the gap closes."
-)
 
 
 def _with_error(fit: FitResults, name: str) -> str:

@@ -142,7 +142,11 @@ def _add_residual(out: Page, fit: FitResults) -> None:
         near = "The autocorrelation of what is left, with the band that white noise keeps in."
         pictures = [
             Picture("residual", plots.whiteness(fit, "autocorrelation"), near),
-            Picture("residual-spectrum", plots.whiteness(fit, "spectrum"), "Its spectrum."),
+            Picture(
+                "residual-spectrum",
+                plots.whiteness(fit, "spectrum"),
+                "The spectrum of what is left.",
+            ),
         ]
     folded = [("Tests that do not apply", table("", [], ["test", "why"], others, left=2))]
     out.add(

@@ -236,7 +236,7 @@ def test_diagnose_writes_the_json_of_the_interface_and_a_page(command, log, tmp_
         "advice", "replicates",
     }  # fmt: skip
     page = Path("out/report.html").read_text(encoding="utf-8")
-    assert content["verdict"].capitalize() in page and page.count("</figure>") == 4
+    assert content["verdict"].capitalize() in page and page.count("</figure>") == 8
 
 
 def test_demo_writes_one_page(command, tmp_path):

@@ -24,6 +24,17 @@ def two_loop():
     return iv.RobotLoop(two_joints(), two_axes())
 
 
+def test_effort_beyond_its_limit_is_said():
+    theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": 0.0}
+    loop = replace(iv.axes.emps(), start=theta)
+    told = {
+        effort: str(pattern(loop, replace(AXIS, effort=np.array([effort])), "steps").summary())
+        for effort in (180.0, 400.0)
+    }
+    assert "axis: more effort than its limit" in told[180.0]
+    assert "more effort" not in told[400.0]
+
+
 @pytest.fixture(scope="module")
 def found():
     return fourier(two_loop(), LIMITS, seconds=10.0)

@@ -42,6 +42,22 @@ def test_a_known_effect_is_named(asymmetric):
     assert asymmetric.shrink.closed > 0.9
 
 
+def test_the_card_has_the_value_of_the_summary_and_what_to_do(asymmetric):
+    card = asymmetric.page().card
+    value = asymmetric.value("asymmetric-viscous", "delta")
+    assert ("Effects", f"asymmetric-viscous: delta {value} (99 % likely)") in card.facts
+    assert f"delta {value}" in str(asymmetric.summary())
+    assert "ivtools export" in card.next[0]
+
+
+def test_an_adequate_model_has_no_figure_of_what_hardly_matters(loop):
+    found = iv.diagnose(measured(loop, 5), loop, holdout=measured(loop, 6))
+    page = found.page()
+    assert found.verdict == "adequate" and "as it is" in page.card.next[0]
+    (which,) = (s for s in page.sections if s.title == "Which effect")
+    assert which.folded and not which.figures
+
+
 def test_two_records_of_one_motion_show_the_floor_between_them(asymmetric):
     """With the effect in the model nothing but the noise differs, between the runs and from it."""
     one, two = asymmetric.floors

@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 import ivtools as iv
 from ivtools import plots
 from ivtools.plots import style
+from ivtools.plots.study import heatmap
 
 TRUTH = {"inertia": 95.0, "viscous_pos": 165.0}
 
@@ -145,6 +146,42 @@ def test_the_lines_are_the_data(fit):
     np.testing.assert_array_equal(measured, fit.y)
     np.testing.assert_allclose(measured - model, bottom.lines[0].get_ydata())
     assert f"{fit.relative_error:.2f} %" in bottom.figure.get_suptitle()
+
+
+def test_a_long_line_keeps_its_extremes_and_the_colours_of_its_page():
+    t, x = np.arange(100_000) / 1e3, np.zeros(100_000)
+    x[54_321], x[77_777], x[10_000:20_000] = 3.0, -2.0, np.nan
+    with style.look():
+        figure = style.sheet(80.0, 50.0)
+        style.line(figure.subplots(), t, x, color=style.COLOURS["model"])
+    drawn = figure.axes[0].lines[0].get_ydata()
+    assert len(drawn) < 4_000 and (np.nanmin(drawn), np.nanmax(drawn)) == (-2.0, 3.0)
+    assert np.isnan(drawn).any()
+    inline = style.inline(figure, "f", "a line")
+    assert "<image" not in inline and "var(--model)" in inline  # not pixels, which stay as they are
+
+
+def test_numbers_on_a_heat_map_keep_the_colour_that_suits_their_cell(twin):
+    loop = iv.axes.emps()
+    theta = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": 0.0}
+    cases = [
+        iv.Case(name, loop, theta, iv.study.Trapezoids(3.0), force_noise=noise)
+        for name, noise in (("low", 1.0), ("high", 30.0))
+    ]
+    study = iv.Study(cases, [iv.IDIMLS()], seeds=2)
+    study.run()
+    colours = {text.get_color() for text in heatmap(study.score()).axes[0].texts}
+    assert colours == {"#111111", "#fdfdfd"} and not colours & set(style._THEMED)
+
+
+def test_rows_that_are_left_out_leave_a_gap(problem):
+    rows = replace(problem, pipeline=replace(problem.pipeline, min_speed=0.02, guard=20))
+    fit = iv.IDIMLS().fit(rows)
+    chart = plots.force_chart(fit, name="force", caption="A force.")
+    measured = chart.panels[0].series[0].values
+    np.testing.assert_array_equal(measured[np.isfinite(measured)], fit.y)
+    steps = np.diff(fit.t)
+    assert 0 < np.isnan(measured).sum() == np.sum(steps > 5.0 * np.median(steps))
 
 
 def test_the_panels_of_a_simulation_name_its_errors(problem, fit):

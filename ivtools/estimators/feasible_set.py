@@ -19,7 +19,7 @@ from ivtools.estimators.linear_programs import (
     smallest_bound,
     tightest_box,
 )
-from ivtools.tables import Text, table, two_columns
+from ivtools.tables import Text, dashed, table, two_columns
 
 if TYPE_CHECKING:
     pass
@@ -187,7 +187,7 @@ class FeasibleSet(Displayed):
         """Return a table of at most 80 columns."""
         frame = self.frame()
         rows = [
-            [str(name), unit, *(f"{v:.6g}" for v in values)]
+            [str(name), unit, *(dashed(v, ".6g") for v in values)]
             for name, unit, values in zip(
                 frame.index, self.units, frame.drop(columns="unit").to_numpy(float), strict=True
             )

@@ -14,7 +14,7 @@ from ivtools.display import Displayed
 from ivtools.errors import ConvergenceWarning, EstimationError
 from ivtools.estimators.transfer_function import SRIVC
 from ivtools.estimators.transfer_results import TransferFunctionResults
-from ivtools.tables import Text, table
+from ivtools.tables import Text, dashed, table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,8 +76,8 @@ class StructureSearch(Displayed):
                 f"{fit.relative_error:.4g}",
                 f"{fit.r2:.4f}",
                 f"{fit.yic:.2f}",
-                f"{fit.aic:.0f}",
-                f"{fit.bic:.0f}",
+                dashed(fit.aic, ".0f"),
+                dashed(fit.bic, ".0f"),
                 "yes" if fit.converged else "NO",
             ]
             for fit in self.results

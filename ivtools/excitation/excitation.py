@@ -105,7 +105,11 @@ class Excitation:
                 f"{s['harmonics']} harmonics of {s['period_s']:g} s: up to {s['bandwidth_hz']:.3g} "
                 "Hz; the last sample leads on to the first"
             )
+        most = dict(zip(self.limits.names, self.limits.effort, strict=True))
+        beyond = [name for name, used in self.used().items() if used["effort"] > 1.001 * most[name]]
+        too_much = [f"{', '.join(beyond)}: more effort than its limit; state a lower acceleration"]
         notes = [
+            *(too_much if beyond else ()),
             "begins and ends at rest; move there first",
             "the links' shapes are not known here: check the motion for collisions",
         ]

@@ -37,7 +37,7 @@ _NAMES = {
     "gain": "load times position or speed",
     "past": "the motion before",
     "heat": "how much moved before",
-    "wave": "position, periodically",
+    "wave": "position (periodic)",
 }
 
 
@@ -67,9 +67,9 @@ class Discrepancy:
     @property
     def text(self) -> str:
         """What is there, as a sentence."""
-        over = " and ".join(_NAMES[n] for n in self.over)
+        over = ", ".join(_NAMES[n] for n in self.over)
         return (
-            f"a force of {self.rms:.2g} {self.unit} rms over {over} and direction repeats and is "
+            f"a force of {self.rms:.2g} {self.unit} rms repeats over {over} and direction and is "
             "not among the known effects"
         )
 

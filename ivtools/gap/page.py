@@ -129,8 +129,8 @@ def _lead(diagnosis: Diagnosis) -> str:
 
 def _remarks(diagnosis: Diagnosis) -> list[str]:
     """Return what to know or to do, the most important first."""
-    fatal = [f.text for f in diagnosis.findings if f.fatal]
-    return [_sentence(text) for text in (*fatal, *diagnosis.advice)]
+    found = sorted(diagnosis.findings, key=lambda f: not f.fatal)
+    return [_sentence(text) for text in (*(f.text for f in found), *diagnosis.advice)]
 
 
 def _more(diagnosis: Diagnosis) -> list[str]:

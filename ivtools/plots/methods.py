@@ -83,7 +83,7 @@ def _named(name: str, unit: str) -> str:
     """Return a name with its unit, on two lines where one would be too long for a panel."""
     if not unit:
         return name
-    return f"{name}{chr(10) if len(name) > 9 else ' '}({readable(unit)})"
+    return f"{name},{chr(10) if len(name) > 9 else ' '}{readable(unit)}"
 
 
 def pareto(front: ParetoFront, *, width_mm: float = WIDTH_MM) -> Sheet:
@@ -162,7 +162,7 @@ def leaderboard(board: Leaderboard, *, width_mm: float = 1.5 * WIDTH_MM) -> Shee
             left.barh(mine, [entries[i].rmse_mm for i in mine], color=colour, label=source)
             right.barh(mine, np.nan_to_num([entries[i].force for i in mine]), color=colour)
         left.set_yticks(at, [entry.label for entry in entries])
-        left.set_xlabel("Free run (mm)")
+        left.set_xlabel("free run, mm")
         right.set_xlabel("force in closed loop, %")
         legend_above(left)
     return figure
@@ -189,7 +189,7 @@ def drive_gain(found: DriveGain, *, width_mm: float = WIDTH_MM) -> Sheet:
         ax.axhline(found.stated, color=COLOURS["truth"], ls="--", lw=0.7, label="axis file")
         ax.plot(found.replicates, ".", color=COLOURS["error"], ms=3)
         if len(found.replicates):
-            ax.set_xlabel("Block of rows left out")
+            ax.set_xlabel("block of rows left out")
         else:
             ax.set_xticks([])
         ax.set_ylabel(f"drive gain, {found.unit}")
