@@ -222,7 +222,8 @@ def _add_estimates(
         assert best.problem is not None
         other = replace(best.problem, record=holdout)
         forces += _forces(best, "cross-test", "Hold-out. ", problem=other)
-    out.add("Force", f"Of {best.method.upper()}, {model_of(best)}.", figures=forces)
+    model = f", {model_of(best)}" if len(_by_model(comparison.results)) > 1 else ""
+    out.add("Force", f"Of {best.method.upper()}{model}.", figures=forces)
     add_simulation(out, best)
 
 

@@ -99,7 +99,7 @@ def test_summary_and_page_show_the_answer(asymmetric, tmp_path):
     assert "asymmetric-viscous" in asymmetric.summary()
     assert len(asymmetric.plot().axes) == 4
     page = asymmetric.to_html(tmp_path / "gap.html").read_text(encoding="utf-8")
-    assert "Explained: the named effects close the gap" in page and page.count("</figure>") == 4
+    assert "Explained: the named effects close the gap" in page and page.count("</figure>") == 8
     assert "on seed 1" in page and "on seed 2" in page  # the values on either side
 
 
