@@ -105,8 +105,8 @@ class Excitation:
                 f"{s['harmonics']} harmonics of {s['period_s']:g} s: up to {s['bandwidth_hz']:.3g} "
                 "Hz; the last sample leads on to the first"
             )
-        most = dict(zip(self.limits.names, self.limits.effort, strict=True))
-        beyond = [name for name, used in self.used().items() if used["effort"] > 1.001 * most[name]]
+        asked = np.abs(self.effort).max(axis=0) > 1.001 * self.limits.effort
+        beyond = [name for name, too in zip(self.limits.names, asked, strict=True) if too]
         too_much = [f"{', '.join(beyond)}: more effort than its limit; state a lower acceleration"]
         notes = [
             *(too_much if beyond else ()),
