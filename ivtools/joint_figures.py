@@ -57,12 +57,11 @@ def robot_dict(fit: FitResults) -> dict[str, Any]:
     base = {n for n, c in zip(loop.base.names, loop.base.columns, strict=True) if c < links}
     try:
         consistent = loop.consistent(values, fit.X)[:links]
-        standard: dict[str, Any] | None = loop.robot.links(consistent.reshape(-1, 10))
-    except IVToolsError:  # no cvxpy, or no solution
-        standard = None
+        standard: dict[str, Any] = {"standard": loop.robot.links(consistent.reshape(-1, 10))}
+    except IVToolsError as error:  # no cvxpy, or no solution
+        standard = {"standard": None, "standard_reason": str(error)}
     return {
         "joints": joint_figures(fit),
         "base": {name: value for name, value in values.items() if name in base},
         "formulas": {n: f for n, f in loop.base.formulas.items() if n in base},
-        "standard": standard,
-    }
+    } | standard

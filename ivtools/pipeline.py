@@ -24,6 +24,7 @@ np.empty(31 << 17)
 
 DECIMATION_ORDER = 8  # Chebyshev type I, as MATLAB's `decimate`
 DECIMATION_RIPPLE_DB = 0.05
+SLOWEST = 1e-6  # cut-off, of the sampling frequency; poles closer to 1 are 1 to rounding
 _AT_ONCE = 2_000_000  # numbers
 
 
@@ -442,6 +443,13 @@ def _check_nyquist(cutoff_hz: float, sampling_hz: float) -> None:
         f"{cutoff_hz:g}",
         f"must be below half of the sampling frequency, {0.5 * sampling_hz:g} Hz; "
         "lower it, or None switches the low-pass off",
+    )
+    _require(
+        cutoff_hz >= SLOWEST * sampling_hz,
+        "cutoff_hz",
+        f"{cutoff_hz:g}",
+        f"must be at least {SLOWEST * sampling_hz:g} Hz, a millionth of the sampling frequency: "
+        "nothing of a record is as slow",
     )
 
 

@@ -23,10 +23,9 @@ from ..simulators.difference import (
 )
 from ..tables import Text, table
 from .diagnosis import Diagnosis
-from .rules import SAME_LOG, SECOND_ORDER, STICKS
+from .rules import ALL_CLOSED, SAME_LOG, SECOND_ORDER, STICKS
 
 Diagnose = Callable[..., Diagnosis]  # of record, holdout and loop; named=False names nothing
-_ALL = 0.97  # of the reducible gap: what closes more needs no other answer
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def against(
     found = diagnose(*_records(lacking), loop)
     answers = [(found, lacking, False)]
     alike = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
-    enough = _closed(found) >= _ALL and len(found.effects) == 1 and not alike
+    enough = _closed(found) >= ALL_CLOSED and len(found.effects) == 1 and not alike
     if found.verdict != "adequate" and not enough:
         try:
             turned = [difference(sim, real, loop, notes) for real, sim, notes in logs]
@@ -104,7 +103,7 @@ def against(
 def _worth(found: Diagnosis) -> tuple[float, int, float]:
     """Return how far an answer closes the gap, how few effects it takes, and what it leaves."""
     left = found.shrink.after if found.shrink else 0.0
-    return min(_closed(found), _ALL), -len(found.effects), -left
+    return min(_closed(found), ALL_CLOSED), -len(found.effects), -left
 
 
 def _material(found: Diagnosis, pairs: list[Difference], surplus: bool, loop: ClosedLoop) -> bool:

@@ -9,7 +9,6 @@ forward selection add one effect each; a backward pass drops what a later one ma
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
@@ -19,16 +18,19 @@ from numpy.typing import NDArray
 from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from .candidate import Trial, attempt, frozen
-from .discrepancy import advantage
+from .discrepancy import Laws, advantage, fitted
 from .fit import Fit, gauss_newton, steps
-from .fold import Side
+from .fold import Side, threaded
 from .library import library
 from .rules import (
     ADEQUATE,
     CLEAN,
     DRAWS,
     ENOUGH,
+    LEAST_EVENNESS,
+    LEAST_EVIDENCE,
     LIKELY,
+    MOST_DISAGREEMENT,
     RIVAL,
     ROUGH,
     STANDARD_ERRORS,
@@ -120,18 +122,18 @@ def evidence(
 
 def features(proof: Evidence) -> dict[str, float]:
     """Return the evidence on the scales on which it adds up."""
-    removed = proof.gain * proof.left / max(1.0 - proof.gain, 1e-3)
+    removed = proof.gain * proof.left / max(1.0 - proof.gain, LEAST_EVIDENCE)
     gap = max(removed + max(proof.left - 1.0, 0.0), 1e-9)  # what was left to explain before it
     full, none = ENOUGH
     nameless = float(np.clip((full - proof.explained) / (full - none), 0.0, 1.0))
     doubt = nameless * (1.0 - proof.unlike)  # a smooth law without a name may be behind it
     return {
-        "gain": float(np.log(max(proof.gain, 1e-3))),
+        "gain": float(np.log(max(proof.gain, LEAST_EVIDENCE))),
         "t": float(np.log(max(proof.t, 1.0))),
-        "disagreement": float(np.log(min(max(proof.disagreement, 1.0), 4.0))),
+        "disagreement": float(np.log(min(max(proof.disagreement, 1.0), MOST_DISAGREEMENT))),
         "rival": float(np.clip(proof.rival, 0.0, 1.0)),
-        "share": proof.unlike * float(np.log(np.clip(removed / gap, 1e-3, 1.0))),
-        "evenness": doubt * float(np.log(np.clip(proof.evenness, 0.03, 1.0))),
+        "share": proof.unlike * float(np.log(np.clip(removed / gap, LEAST_EVIDENCE, 1.0))),
+        "evenness": doubt * float(np.log(np.clip(proof.evenness, LEAST_EVENNESS, 1.0))),
     }
 
 
@@ -284,8 +286,7 @@ def _screened(
     sides: tuple[Side, ...], fits: tuple[Fit, ...], terms: list[Term]
 ) -> tuple[dict[str, Score], ...]:
     """Return the score of every effect on either side."""
-    with ThreadPoolExecutor(2) as pool:
-        return tuple(pool.map(lambda s, f: screen(s, f, terms), sides, fits))
+    return tuple(threaded(lambda s, f: screen(s, f, terms), sides, fits))
 
 
 def _gains(found: tuple[dict[str, Score], ...]) -> dict[str, float]:
@@ -320,10 +321,10 @@ def _tried(
 
     def fit(names: list[str]) -> float:
         """Try some effects; return the largest gain that reaches its threshold so far."""
-        with ThreadPoolExecutor(2) as pool:
-            tasks = [[f[n] for f in found] for n in names]
-            tried.extend(pool.map(lambda scores: attempt(sides, fits, held, scores), tasks))
-        return max([0.0, *(t.gain for t in tried if t.passes(rules))])
+        tasks = [[f[n] for f in found] for n in names]
+        tried.extend(threaded(lambda scores: attempt(sides, fits, held, scores), tasks))
+        passed = threaded(lambda t: t.passes(rules), tried)
+        return max([0.0, *(t.gain for t, ok in zip(tried, passed, strict=True) if ok)])
 
     best = fit(chosen[:2])
     best = fit([n for n in chosen[2:] if gains[n] > RIVAL * best])
@@ -355,6 +356,8 @@ class Attribution:
         The forward selection; the first names nothing if there is nothing to name.
     full : tuple of Fit
         As `held`, with the effects that were taken back because their names were doubtful.
+    laws : Laws, optional
+        Forces without a name along the motion of the fullest model, if something is left.
     """
 
     base: tuple[Fit, ...]
@@ -364,6 +367,7 @@ class Attribution:
     rules: Rules
     rounds: tuple[Round, ...] = ()
     full: tuple[Fit, ...] = ()
+    laws: Laws | None = None
 
     @property
     def trials(self) -> tuple[Trial, ...]:
@@ -458,32 +462,36 @@ def attribute(
         best.append(winner)
         if cost(winner.held) < CLEAN:  # at the floor: nothing is left to have a name
             break
-    best = best[: _told(base, best, rounds[0].measured if rounds else "")]
+    models = [base, *(t.held for t in best)]
+    left = bool(best) and cost(models[-1]) >= CLEAN  # something to describe
+    laws = next(filter(None, map(Laws.of, models[::-1])), None) if left else None
+    seen = bool(best) and best[0].name == rounds[0].measured
+    best = best[: len(best) if laws is None else _told(models, laws, least=int(seen))]
     fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
     kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
-    return _withdrawn(sides, Attribution(base, fits, held, tuple(kept), rules, tuple(rounds)))
+    found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws=laws)
+    return _withdrawn(sides, found)
 
 
-def _told(base: tuple[Fit, ...], best: Sequence[Trial], measured: str = "") -> int:
+def _told(models: Sequence[tuple[Fit, ...]], laws: Laws, least: int) -> int:
     """Return how many names, in their order, tell more than a force without a name does.
 
     Every smooth law is close to some effect. So a force without a name describes what is left,
     after each number of names and without any, and held-out data judge: of those that predict as
-    well as the best, within a standard error, the one with most names is taken. What a further
-    sensor in the law has `measured` is no guess and stays.
+    well as the best, within a standard error, the one with most names is taken. The first stays
+    if a further sensor in the law has measured it, for that is no guess: `least` is 1 then.
 
     L. Breiman, J. H. Friedman, R. A. Olshen, C. J. Stone, "Classification and Regression Trees",
     1984, section 3.4.3: the one-standard-error rule.
     """
-    models = [base, *(t.held for t in best)]
-    if best and cost(models[-1]) < CLEAN:  # nothing is left to describe
-        return len(best)
-    least = 1 if best and best[0].name == measured else 0
+    left = threaded(lambda fits: fitted(fits, laws), models)
     return next(
         (
             k
-            for k in range(len(best), least, -1)
-            if all(advantage(other, models[k]) > -STANDARD_ERRORS for other in models[least:k])
+            for k in range(len(models) - 1, least, -1)
+            if all(
+                advantage(models[0], other, left[k]) > -STANDARD_ERRORS for other in left[least:k]
+            )
         ),
         least,
     )

@@ -14,7 +14,7 @@ from scipy.optimize import Bounds, differential_evolution
 from ..loop import ClosedLoop
 from ..physics import Term
 from .fit import Fit, gauss_newton, steps
-from .fold import Fold, Side
+from .fold import Fold, Side, block_t
 from .library import Box, Scales, alternatives
 from .rules import (
     CROWD,
@@ -22,6 +22,7 @@ from .rules import (
     MUTATION,
     OTHER_WAVE_T,
     RECOMBINATION,
+    RETUNED,
     UNLIKE_SMOOTH,
     VALLEY_DEPTH,
     VALLEY_SAMPLES,
@@ -164,7 +165,7 @@ class Trial:
         if self.term.search != "lines":
             return True
         waves = other_waves(self.before, [f.values[f"{self.name}.period"] for f in self.held])
-        better = all(_t(self._over(w)) > OTHER_WAVE_T for w in waves)
+        better = all(block_t(self._over(w)) > OTHER_WAVE_T for w in waves)
         return self.unlike > UNLIKE_SMOOTH and better
 
     def _over(self, errors: Sequence[Array]) -> Array:
@@ -197,7 +198,7 @@ class Trial:
         Of both folds together: better on one and worse on the other is no difference.
         """
         both = zip(self.held, other.held, strict=True)
-        return _t(np.concatenate([h.fold.block_sums(o.e**2 - h.e**2) for h, o in both]))
+        return block_t(np.concatenate([h.fold.block_sums(o.e**2 - h.e**2) for h, o in both]))
 
 
 def attempt(
@@ -249,7 +250,7 @@ def _retuned(side: Side, fit: Fit, own: Fit) -> Fit:
     free = [n for n in fit.free if n in base or n in turned]
     start = {**fit.values, **{n: own.values[n] for n in turned}}
     step = steps(side.fold, fit.loop, side.scales)
-    return gauss_newton(side.fold, fit.loop, start, free, step, iterations=3)
+    return gauss_newton(side.fold, fit.loop, start, free, step, RETUNED)
 
 
 def phases(loop: ClosedLoop) -> set[str]:
@@ -284,12 +285,6 @@ def _free(term: Term, values: Mapping[str, float]) -> list[str]:
     if term.search in ("either", "scan"):  # a shape that starts without effect stays there
         own = [p for p in own if p.linear or values[p.name] != p.neutral]
     return [f"{term.name}.{p.name}" for p in own]
-
-
-def _t(sums: Array) -> float:
-    """Return the t value of a total over blocks that count as independent."""
-    spread = float(np.linalg.norm(sums - np.mean(sums)))
-    return float(np.sum(sums)) / max(spread, 1e-300)
 
 
 def _amplitude(before: Fit, held: Fit) -> tuple[float, float]:

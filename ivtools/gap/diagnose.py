@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from threading import Lock
@@ -26,11 +25,12 @@ from .confirm import confirm, run
 from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
 from .floor import Measured
-from .fold import Fold, Side, usable
+from .fold import Fold, Side, threaded, usable
 from .hanging import hanging
 from .library import Scales
 from .parity import Parity
 from .rules import (
+    AGAIN,
     AT_CONTROLLER,
     BEYOND,
     COMMON,
@@ -273,8 +273,7 @@ def _alike(loop: ClosedLoop, one: _Ready) -> ClosedLoop:
 
 
 def _measured(ready: Sequence[_Ready]) -> tuple[Measured, ...]:
-    with ThreadPoolExecutor(2) as pool:
-        return tuple(pool.map(_measure, ready))
+    return tuple(threaded(_measure, ready))
 
 
 def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measured, ...]:
@@ -327,7 +326,7 @@ def _answer(
     if third is not None:
         shrink = replace(shrink, judged=quantify.judge(loop, third, result))
     before, after = cost(result.base), cost(result.held)
-    left = None if after <= DESCRIBED else discrepancy.describe(result.held)
+    left = None if after <= DESCRIBED else discrepancy.describe(result.held, result.laws)
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
     changed = verdict.changes(result, task.tolerance) if repeats < REPEATS else {}
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
@@ -408,7 +407,7 @@ def _kept(m: Measured, rows: NDArray[np.bool_]) -> Measured:
     """Return a record judged on some of its samples."""
     fold = m.side.fold.only(rows, m.side.fold.label)
     step = steps(fold, m.base.loop, m.side.scales)
-    fit = gauss_newton(fold, m.base.loop, m.base.values, m.base.free, step, 4)
+    fit = gauss_newton(fold, m.base.loop, m.base.values, m.base.free, step, AGAIN)
     return replace(m, side=replace(m.side, fold=fold), base=fit)
 
 
@@ -460,7 +459,9 @@ def _sides(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit,
         side = replace(only.side, fold=half)
         step = steps(half, only.base.loop, side.scales)
         sides.append(side)
-        fits.append(gauss_newton(half, only.base.loop, only.base.values, only.base.free, step, 4))
+        fits.append(
+            gauss_newton(half, only.base.loop, only.base.values, only.base.free, step, AGAIN)
+        )
     return tuple(sides), tuple(fits)
 
 

@@ -11,10 +11,9 @@ Science 11(2), 1996.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +22,9 @@ from scipy import linalg
 from ..loop import Simulation
 from . import spatial_lines
 from .fit import Fit, normal
+from .fold import block_t, threaded
 from .rules import DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
-from .smooth import OVER, Basis, beside, signals
+from .smooth import OVER, Basis, Columns, beside, signals
 
 Array = NDArray[np.float64]
 
@@ -85,18 +85,21 @@ class Discrepancy:
         }
 
 
-def describe(fits: Sequence[Fit]) -> Discrepancy | None:
+def describe(fits: Sequence[Fit], laws: Laws | None = None) -> Discrepancy | None:
     """Return the force that repeats in what two fits leave; None if there is none.
 
     Parameters
     ----------
     fits : sequence of Fit
         The model with all that is named, on each fold.
+    laws : Laws, optional
+        Made along the motion of a model much like it; without them, along its own.
     """
-    found = _described(fits)
-    if found is None or not found.over:
+    laws = laws or Laws.of(fits)
+    found = fitted(fits, laws) if laws is not None else None
+    if laws is None or found is None or not found.over:
         return None
-    own = [_base_forces(f, r) for f, r in zip(fits, found.runs, strict=True)]
+    own = [_base_forces(f, r) for f, r in zip(fits, laws.runs, strict=True)]
     beyond = [
         _beyond(x[f.fold.keep], B) for f, x, B in zip(fits, found.force, own, strict=True)
     ]  # fmt: skip
@@ -104,8 +107,50 @@ def describe(fits: Sequence[Fit]) -> Discrepancy | None:
     if whole < DISCREPANCY_SIZE * min(f.force_rms for f in fits):
         return None
     unit = "N" if fits[0].loop.joint == "prismatic" else "N m"
-    curve = _curve(found.basis, found.over[0], found.runs, found.force)
+    curve = _curve(laws.basis, found.over[0], laws.runs, found.force)
     return Discrepancy(whole, unit, found.over, found.gain, curve)
+
+
+@dataclass(frozen=True, eq=False)
+class Laws:
+    """Forces without a name along one motion, and what they do to the error of each fold.
+
+    Parameters
+    ----------
+    basis : Basis
+    runs : tuple of Simulation
+        The motion, on each fold.
+    forces : tuple of ndarray, (n_samples, m)
+        One column per hat or memory.
+    place : mapping of str to ndarray
+        Columns of each of `smooth.OVER`, but waves.
+    answers : tuple of ndarray, (n_kept, m)
+        Of the whitened error.
+    squares : tuple of ndarray, (m, m)
+        Their products with each other.
+    """
+
+    basis: Basis
+    runs: tuple[Simulation, ...]
+    forces: tuple[Array, ...]
+    place: dict[str, NDArray[np.int_]]
+    answers: tuple[Array, ...]
+    squares: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, fits: Sequence[Fit]) -> Laws | None:
+        """Return the laws along the motion of fits, one on each fold; None if a loop diverges."""
+        runs = tuple(f.fold.simulate(f.loop, f.values) for f in fits)
+        if not all(r.finite for r in runs) or any(f.fold.response is None for f in fits):
+            return None
+        basis = Basis.of(runs)
+        parts = [basis.parts(r) for r in runs]
+        place, last = {}, 0
+        for name, columns in parts[0].items():
+            place[name] = np.arange(last, last := last + columns.shape[1])
+        forces = tuple(np.hstack(list(p.values())) for p in parts)
+        answers = tuple(threaded(lambda f, F: f.fold.answers(F), fits, forces))
+        return cls(basis, runs, forces, place, answers, tuple(threaded(lambda A: A.T @ A, answers)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +159,6 @@ class Spline:
 
     Parameters
     ----------
-    basis : Basis
-    runs : tuple of Simulation
-        Of the model, on each fold.
     force : tuple of ndarray, (n_samples,)
         What it is on each fold, from both together, N or N m.
     over : tuple of str
@@ -127,16 +169,14 @@ class Spline:
         Whitened error that the spline of either fold leaves on the other one.
     """
 
-    basis: Basis
-    runs: tuple[Simulation, ...]
     force: tuple[Array, ...]
     over: tuple[str, ...]
     gain: float
     left: tuple[Array, ...]
 
 
-def fitted(fits: Sequence[Fit]) -> Spline | None:
-    """Return the spline that predicts the other fold best; None if a loop diverges.
+def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
+    """Return the spline that predicts the other fold best.
 
     What it may depend on is added one by one, as long as held-out data are significantly better
     predicted: columns without need cost more than they bring.
@@ -145,17 +185,10 @@ def fitted(fits: Sequence[Fit]) -> Spline | None:
     ----------
     fits : sequence of Fit
         One on each fold.
+    laws : Laws
+        What it is made of.
     """
-    runs = tuple(f.fold.simulate(f.loop, f.values) for f in fits)
-    if not all(r.finite for r in runs) or any(f.fold.response is None for f in fits):
-        return None
-    basis = replace(Basis.of(runs), periods=_periods(fits, runs))
-    parts = [basis.parts(r) for r in runs]
-    forces = tuple(np.hstack([p[n] for n in OVER]) for p in parts)
-    sizes = {n: parts[0][n].shape[1] for n in OVER}
-    ends = dict(zip(OVER, np.cumsum(list(sizes.values())), strict=True))
-    place = {n: np.arange(ends[n] - m, ends[n]) for n, m in sizes.items()}
-    search = _Search(fits, basis, forces, place)
+    search = _Search(fits, laws)
     over: tuple[str, ...] = ()
     now = _Step(0.0, (), [np.zeros(len(f.e)) for f in fits])
     while len(over) < len(OVER):
@@ -164,16 +197,14 @@ def fitted(fits: Sequence[Fit]) -> Spline | None:
             f.fold.block_sums((e + a) ** 2 - (e + b) ** 2)
             for f, e, a, b in zip(fits, search.rests, now.answers, then.answers, strict=True)
         ])  # fmt: skip
-        t = float(np.sum(saved)) / max(float(np.linalg.norm(saved - saved.mean())), 1e-300)
-        if then.gain <= now.gain or t < DISCREPANCY_T:
+        if then.gain <= now.gain or block_t(saved) < DISCREPANCY_T:
             break
         over, now = then.over, then
-    beta = search.common(now) if over else np.zeros(forces[0].shape[1])
     left = tuple(e + a for e, a in zip(search.rests, now.answers, strict=True))
-    return Spline(basis, runs, tuple(F @ beta for F in forces), over, now.gain, left)
+    return Spline(search.force(now), over, now.gain, left)
 
 
-def advantage(before: Sequence[Fit], after: Sequence[Fit]) -> float:
+def advantage(fits: Sequence[Fit], before: Spline, after: Spline) -> float:
     """Return the block t value by which held-out data are better predicted with an effect.
 
     Both times a spline describes what is left. An effect that is not there is no better than that
@@ -181,29 +212,13 @@ def advantage(before: Sequence[Fit], after: Sequence[Fit]) -> float:
 
     Parameters
     ----------
-    before, after : sequence of Fit
-        Without and with the effect, on each fold.
+    fits : sequence of Fit
+        On each fold.
+    before, after : Spline
+        Of what the model leaves without and with the effect.
     """
-    one, two = _described(before), _described(after)
-    if one is None or two is None:  # a loop diverges: with the effect, or but for it
-        return -np.inf if two is None else np.inf
-    saved = np.concatenate([
-        f.fold.block_sums(a**2 - b**2)
-        for f, a, b in zip(after, one.left, two.left, strict=True)
-    ])  # fmt: skip
-    return float(np.sum(saved)) / max(float(np.linalg.norm(saved - saved.mean())), 1e-300)
-
-
-#: Descriptions of what fits leave, as long as the first of them is there, with the second.
-_DESCRIBED: WeakKeyDictionary[Fit, tuple[Fit, Spline | None]] = WeakKeyDictionary()
-
-
-def _described(fits: Sequence[Fit]) -> Spline | None:
-    one, two = fits
-    found = _DESCRIBED.get(one)
-    if found is None or found[0] is not two:  # the same fit may be one of another pair
-        found = _DESCRIBED[one] = two, fitted(fits)
-    return found[1]
+    pairs = zip(fits, before.left, after.left, strict=True)
+    return block_t(np.concatenate([f.fold.block_sums(a**2 - b**2) for f, a, b in pairs]))
 
 
 def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ...]:
@@ -229,40 +244,45 @@ class _Step(NamedTuple):
 
 
 class _Search:
-    """Normal equations and penalties of every column, of which steps take some."""
+    """Normal equations and penalties of every column, of which steps take some.
 
-    def __init__(
-        self,
-        fits: Sequence[Fit],
-        basis: Basis,
-        forces: Sequence[Array],
-        place: Mapping[str, NDArray[np.int_]],
-    ) -> None:
-        self.place = place
-        self.seen = [beside(f, f.fold.answers(F)) for f, F in zip(fits, forces, strict=True)]
+    Waves are the only columns of a model's own: their periods are those of what it leaves.
+    """
+
+    def __init__(self, fits: Sequence[Fit], laws: Laws) -> None:
+        basis = replace(laws.basis, periods=_periods(fits, laws.runs))
+        waves = [basis.waves(r) for r in laws.runs]
+        m = len(laws.squares[0])
+        self.place = {**laws.place, "wave": np.arange(m, m + waves[0].shape[1])}
+        self.forces = [np.hstack(pair) for pair in zip(laws.forces, waves, strict=True)]
+        own = [f.fold.answers(w) for f, w in zip(fits, waves, strict=True)]
+        folds = zip(fits, laws.answers, own, laws.squares, strict=True)
+        self.seen = [Columns(*fold) for fold in folds]
+        self.squares = [c.square for c in self.seen]
         self.rests = [beside(f, f.e[:, None])[:, 0] for f in fits]
-        self.squares = [C.T @ C for C in self.seen]
-        self.sides = [C.T @ e for C, e in zip(self.seen, self.rests, strict=True)]
+        self.sides = [c.side(e) for c, e in zip(self.seen, self.rests, strict=True)]
         self.energy = sum(float(e @ e) for e in self.rests)
-        rough = {n: basis.penalty(n, len(p)) for n, p in place.items()}
+        rough = {n: basis.penalty(n, len(p)) for n, p in self.place.items()}
         self.rough = {n: R.T @ R for n, R in rough.items()}
 
     def best(self, over: tuple[str, ...]) -> _Step:
         """Return the best spline over one more signal."""
         tried = [self._gain((*over, n), p) for n in self.place if n not in over for p in PENALTIES]
         gain, names, penalty, betas = max(tried, key=lambda x: x[0])
-        rows = self._rows(names)
-        answers = [C[:, rows] @ b for C, b in zip(self.seen, betas[::-1], strict=True)]
+        full = np.zeros((2, len(self.sides[0])))
+        full[:, self._rows(names)] = betas[::-1]
+        answers = [c.times(b) for c, b in zip(self.seen, full, strict=True)]
         return _Step(gain, names, answers, penalty)
 
-    def common(self, step: _Step) -> Array:
-        """Return the coefficients that fit both folds, (m,)."""
+    def force(self, step: _Step) -> tuple[Array, ...]:
+        """Return what fits both folds at once, on each, N or N m, (n_samples,)."""
+        if not step.over:
+            return tuple(np.zeros(len(F)) for F in self.forces)
         rows = self._rows(step.over)
         one, two = (a[np.ix_(rows, rows)] for a in self.squares)
-        beta = np.zeros(len(self.sides[0]))
         R = self._penalty(step.over, step.penalty)
-        beta[rows] = _solved(one + two + R, -self.sides[0][rows] - self.sides[1][rows])
-        return beta
+        beta = _solved(one + two + R, -self.sides[0][rows] - self.sides[1][rows])
+        return tuple(F[:, rows] @ beta for F in self.forces)
 
     def _gain(
         self, over: tuple[str, ...], penalty: float

@@ -19,7 +19,7 @@ from ..physics import Term
 from ..problem import Problem
 from .fold import Fold
 from .library import Scales
-from .rules import CONVERGED, KEEP_JACOBIAN, REACH, STEP
+from .rules import CONVERGED, JACOBIANS, KEEP_JACOBIAN, REACH, SHORTER, STEP
 
 Array = NDArray[np.float64]
 
@@ -137,7 +137,7 @@ def gauss_newton(
     values: Mapping[str, float],
     free: Sequence[str],
     step: Mapping[str, float],
-    iterations: int = 8,
+    iterations: int = JACOBIANS,
 ) -> Fit:
     """Minimise the whitened simulated-command error over the free parameters.
 
@@ -201,6 +201,12 @@ def normal(A: Array, b: Array, rcond: float) -> Array:
     return np.asarray(np.linalg.lstsq(A.T @ A, A.T @ b, rcond=rcond**2)[0], dtype=float)
 
 
+def orthonormal(J: Array) -> Array:
+    """Return an orthonormal basis of the space of some columns, (n, m)."""
+    scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    return np.asarray(np.linalg.qr(J / scale)[0])
+
+
 def _search(
     fold: Fold,
     loop: ClosedLoop,
@@ -211,7 +217,7 @@ def _search(
     simulation: Simulation,
 ) -> tuple[dict[str, float] | None, Simulation, Array]:
     """Shorten the step until the cost falls."""
-    for factor in (1.0, 0.3, 0.05):
+    for factor in SHORTER:
         trial = {**values}
         for name, change in zip(free, move, strict=True):
             trial[name] = _bounded(loop, name, values[name], factor * change)

@@ -24,14 +24,23 @@ from .fold import Fold, Side
 from .parity import Parity
 from .response import Response, features, waves
 from .rules import (
+    ANOTHER,
+    DEEPEST,
     EVENT,
     EVENT_SPREAD,
     EVENT_TIME,
     FEW_EVENTS,
+    FREE,
     FREQUENCIES,
+    FULL,
+    FULL_EVENT,
+    LAG_WINDOW,
+    LARGEST_ROOT,
     LEAST_LEFT,
+    LEAST_PAIRS,
     LEAST_WINDOW,
     NOISE_ORDER,
+    PER_COEFFICIENT,
     PERIODIC,
     QUIET,
     SPLIT_HZ,
@@ -138,7 +147,7 @@ def measure(fit: Fit, response: Response, raw: Array) -> Floor:
         whitener = _autoregression(rest, quiet)
         white = signal.lfilter(whitener, [1.0], rest)
         taken = (columns.shape[1] + fit.J.shape[1] + NOISE_ORDER) / max(int(keep.sum()), 1)
-        scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, 0.5))  # degrees of freedom
+        scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, FREE))  # degrees of freedom
         whitener = whitener / scale
         if first:  # lines over position would pass for coloured noise
             columns = np.column_stack(
@@ -216,13 +225,13 @@ def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
     good = np.ones(0, dtype=bool)
     for part in (low, x - low):
         energy, counts, width = _windows(part**2, keep, dt)
-        full = counts >= 0.8 * width
+        full = counts >= FULL * width
         level = np.quantile(energy[full], QUIET) if full.any() else np.inf
         ok = full & (energy <= level)
         good = ok if not len(good) else good & ok
     mask = np.zeros(len(x), dtype=bool)
     mask[: len(good) * width] = np.repeat(good, width)
-    return mask if mask.sum() > 20 * NOISE_ORDER else keep
+    return mask if mask.sum() > PER_COEFFICIENT * NOISE_ORDER else keep
 
 
 def _autoregression(x: Array, mask: Mask) -> Array:
@@ -230,7 +239,9 @@ def _autoregression(x: Array, mask: Mask) -> Array:
     x = np.where(mask, x, 0.0)
     pairs = [float(mask[k:].astype(float) @ mask[: len(x) - k]) for k in range(NOISE_ORDER + 1)]
     r = np.array([x[k:] @ x[: len(x) - k] / max(n, 1.0) for k, n in enumerate(pairs)])
-    r *= np.exp(-0.5 * (0.02 * np.arange(NOISE_ORDER + 1)) ** 2)  # keeps the polynomial stable
+    r *= np.exp(
+        -0.5 * (LAG_WINDOW * np.arange(NOISE_ORDER + 1)) ** 2
+    )  # keeps the polynomial stable
     r[0] *= 1.0 + 1e-6
     if not r[0] > 0.0:
         return np.ones(1)
@@ -243,14 +254,14 @@ def _stable(whitener: Array) -> Array:
     size = np.abs(roots)
     if not np.any(size >= 1.0):
         return whitener
-    inside = np.minimum(np.where(size >= 1.0, 1.0 / size, size), 0.999)
+    inside = np.minimum(np.where(size >= 1.0, 1.0 / size, size), LARGEST_ROOT)
     return np.asarray(np.real(np.poly(inside * np.exp(1j * np.angle(roots)))))
 
 
 def _level(white: Array, keep: Mask, dt: float) -> float:
     """Return the robust noise level: the median over windows, corrected to a mean."""
     energy, counts, width = _windows(white**2, keep, dt)
-    full = counts >= 0.8 * width
+    full = counts >= FULL * width
     if not full.any():
         return float(np.sqrt(np.mean(white[keep] ** 2)))
     correction = (1.0 - 2.0 / (9.0 * width)) ** 3
@@ -305,7 +316,7 @@ def _typical(white: Array, keep: Mask, dt: float) -> Mask:
 def events(white: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows far above the floor, (n_samples,)."""
     energy, counts, width = _windows(white**2, keep, dt)
-    full = counts >= 0.95 * width
+    full = counts >= FULL_EVENT * width
     if not full.any():
         return np.zeros(len(white), dtype=bool)
     middle = np.median(energy[full])
@@ -337,7 +348,7 @@ def reference_period(record: Record) -> float | None:
     lags = np.arange(n // 2 + 1)
     energy = total[n - 1 - lags] + total[-1] - np.concatenate([[0.0], total[: n // 2]])
     mismatch = 1.0 - 2.0 * product / np.maximum(energy, 1e-300)
-    away = np.flatnonzero(mismatch > 0.1)
+    away = np.flatnonzero(mismatch > ANOTHER)
     if not len(away):
         return None
     good = np.flatnonzero(mismatch[max(away[0], least) :] < PERIODIC)
@@ -349,7 +360,7 @@ def reference_period(record: Record) -> float | None:
 
 
 def _deepest(mismatch: Array, at: int) -> int:
-    stop = min(at + 200, len(mismatch))
+    stop = min(at + DEEPEST, len(mismatch))
     return at + int(np.argmin(mismatch[at:stop]))
 
 
@@ -384,6 +395,6 @@ def _same(one: Record, two: Record) -> bool:
 def _difference(x: Array, y: Array, keep: Mask) -> float | None:
     """Return the rms of a detrended difference over sqrt(2); None if it is too short."""
     difference = (x - y)[keep]
-    if len(difference) < 100:
+    if len(difference) < LEAST_PAIRS:
         return None
     return float(np.std(signal.detrend(difference)) / np.sqrt(2.0))

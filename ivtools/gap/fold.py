@@ -7,9 +7,11 @@ a set of parameter values into a whitened error.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +21,14 @@ from ..loop import ClosedLoop, Simulation
 from ..record import Record
 from .library import Scales
 from .response import Response
-from .rules import AT_LIMIT, BLOCK, DIVERGED, NEAR_LIMIT, REST, STANDING, TRANSIENT
+from .rules import AT_LIMIT, BLOCK, DIVERGED, LEAST_BLOCK, NEAR_LIMIT, REST, STANDING, TRANSIENT
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
 Values = Mapping[str, float]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +67,7 @@ class Fold:
     @cached_property
     def blocks(self) -> NDArray[np.int_]:
         """First kept sample of each block, among the kept ones."""
-        width = max(round(BLOCK / self.record.dt), 20)
+        width = max(round(BLOCK / self.record.dt), LEAST_BLOCK)
         number = np.flatnonzero(self.keep) // width
         return np.flatnonzero(np.diff(number, prepend=-1))
 
@@ -87,7 +90,7 @@ class Fold:
 
     def answers(self, forces: Array) -> Array:
         """Return the change of the whitened error by forces in the columns, (n_kept, m)."""
-        return -self._heard(forces)[self.keep]
+        return -self._heard(forces).T[:, self.keep].T
 
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""
@@ -125,6 +128,30 @@ class Fold:
         return replace(
             self, record=self.record.slice(start, stop), keep=self.keep[rows], place=place
         )
+
+
+def threaded(f: Callable[..., T], *items: Iterable[Any]) -> list[T]:
+    """Return what a function gives for each fold, or each effect, on two threads.
+
+    Parameters
+    ----------
+    f : callable
+    items : iterables
+        Its arguments.
+    """
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(f, *items))
+
+
+def block_t(sums: Array) -> float:
+    """Return the t value of a total over blocks that count as independent.
+
+    Parameters
+    ----------
+    sums : ndarray, (n_blocks,)
+    """
+    spread = float(np.linalg.norm(sums - np.mean(sums)))
+    return float(np.sum(sums)) / max(spread, 1e-300)
 
 
 def usable(record: Record, loop: ClosedLoop) -> Mask:

@@ -14,7 +14,7 @@ from scipy.stats import qmc
 from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from ..record import Record
-from .rules import BEHIND, SAME_SIGNAL
+from .rules import BEHIND, MOST_SCANS, SAME_SIGNAL
 
 Array = NDArray[np.float64]
 
@@ -145,7 +145,7 @@ def library(
     ]
 
 
-def scans(term: Term, scales: Scales, limit: int = 400) -> list[dict[str, float]]:
+def scans(term: Term, scales: Scales, limit: int = MOST_SCANS) -> list[dict[str, float]]:
     """Return starting values of the parameters the force is not linear in, by short name."""
     grids = _grids(term, scales)
     return [

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..physics import TERMS
 from ..record import Record
-from .rules import ACCELERATING, BANDS, NEAR_REVERSAL
+from .rules import ACCELERATING, BANDS, FEW_EDGES, NEAR_REVERSAL
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -82,7 +82,7 @@ def _masks(record: Record) -> dict[str, Mask]:
         )
     if record.added is not None and record.added.any():
         edge = np.abs(np.diff(record.added[:, 0], prepend=record.added[0, 0])) > 0.0
-        if edge.mean() < 0.05:
+        if edge.mean() < FEW_EDGES:
             masks["pulse edges"] = _near(edge, width)
     t = np.arange(len(q)) / len(q)
     for i in range(4):

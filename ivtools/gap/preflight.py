@@ -32,6 +32,8 @@ from .rules import (
     LEAST_SAMPLES,
     LEAST_TIME,
     LIMIT_SAMPLES,
+    LOOK_WIDTH,
+    LOOKS,
     MARGIN,
     MOVING,
     ONE_WAY,
@@ -46,8 +48,11 @@ from .rules import (
     SAME_AXIS,
     SAME_RECORD,
     SATURATED,
+    SMOOTHING,
+    SMOOTHING_RATE,
     UNIT_NEAR,
     UNIT_R2,
+    UNIT_SAMPLES,
     WRONG_UNIT,
 )
 
@@ -171,7 +176,9 @@ def _pull_hz(record: Record, loop: ClosedLoop, inertia: float) -> float:
 
 def _smooth(record: Record, hz: float) -> Motion:
     """Return the measured motion, smoothed well above the pull: slower, it would lag the drive."""
-    return Pipeline(min(20.0 * hz, 0.2 * record.sampling_hz), 1).differentiate(record.q, record.dt)
+    return Pipeline(min(SMOOTHING * hz, SMOOTHING_RATE * record.sampling_hz), 1).differentiate(
+        record.q, record.dt
+    )
 
 
 def lawless(record: Record, loop: ClosedLoop) -> bool:
@@ -410,7 +417,7 @@ def _shared(record: Record, holdout: Record) -> float:
     return max(_held(one, two), _held(two, one))
 
 
-def _held(one: Array, two: Array, windows: int = 40, width: int = 50) -> float:
+def _held(one: Array, two: Array, windows: int = LOOKS, width: int = LOOK_WIDTH) -> float:
     """Return the share of the stretches of `two` that `one` holds, sample for sample.
 
     Only stretches in which the position moves and the command does all the time: standing still is
@@ -490,9 +497,6 @@ def described(controller: Controller) -> str:
     return f"kind {controller.kind}, {gains}"
 
 
-ENOUGH = 1_000_000  # samples that give a wrong unit away
-
-
 def doubts(record: Record, loop: ClosedLoop) -> tuple[str, ...]:
     """Return what is absurd about a record on this axis, one line each.
 
@@ -538,8 +542,8 @@ def _commands(record: Record, loop: ClosedLoop) -> tuple[Array, Array] | None:
     if record.n_joints != 1:
         return None
     try:
-        if record.n_samples > ENOUGH:
-            record = record.slice(0, ENOUGH)
+        if record.n_samples > UNIT_SAMPLES:
+            record = record.slice(0, UNIT_SAMPLES)
         signals = Signals(record, loop)
         with np.errstate(over="ignore", invalid="ignore"):
             expected = signals.fed(loop.controller)

@@ -15,7 +15,7 @@ from .candidate import phases
 from .fit import Fit, gauss_newton, steps
 from .floor import Floor, Measured
 from .fold import Fold
-from .rules import ADEQUATE_NAMED, LEAST_BLOCKS
+from .rules import ADEQUATE_NAMED, ALL_LEFT, LEAST_BLOCKS
 
 Array = NDArray[np.float64]
 
@@ -144,7 +144,7 @@ def declared(loop: ClosedLoop, measured: tuple[Measured, ...]) -> Fit:
         record = replace(record, added=added)
     fold = replace(last.side.fold, record=record)
     step = steps(fold, loop, last.side.scales)
-    return gauss_newton(fold, loop, last.base.values, last.base.free, step, 5)
+    return gauss_newton(fold, loop, last.base.values, last.base.free, step)
 
 
 def how_far(
@@ -204,7 +204,9 @@ def _reachable(level: Floor, after: Fit) -> float:
         return level.between
     left = after.force_rms
     limit = min(level.level, left)
-    return limit + (left - limit) * float(np.clip((ADEQUATE_NAMED - after.cost) / 0.1, 0.0, 1.0))
+    return limit + (left - limit) * float(
+        np.clip((ADEQUATE_NAMED - after.cost) / ALL_LEFT, 0.0, 1.0)
+    )
 
 
 def _spectra(dt: float, e0: Array, e1: Array, level: Floor) -> tuple[Array, Array, Array, Array]:

@@ -53,6 +53,9 @@ UNIT_R2 = 0.98
 #: and at most, of the sampling rate.
 PULL_HZ = 5.0
 PULL_RATE = 0.025
+#: Cut-off of the motion that pulls, of that frequency, and at most, of the sampling rate (physics:
+#: a slower one would lag the drive).
+SMOOTHING, SMOOTHING_RATE = 20.0, 0.2
 #: Phase margin, degrees, below which a velocity loop is pulled to the motion too (judgement: the
 #: one of laas-motor has 1 to 4, those of ordinary drives 45 and more).
 MARGIN = 15.0
@@ -87,6 +90,8 @@ SATURATED = 0.2
 OPEN_LOOP = 0.9
 #: How near a factor must come to that of a unit, relative (physics).
 UNIT_NEAR = 0.2
+#: Samples that give a wrong unit away: of a longer record the first ones (cost).
+UNIT_SAMPLES = 1_000_000
 #: Ratio of recorded and expected command that is absurd (physics: gains stay below).
 ABSURD = 20.0
 #: Correlation of recorded and expected command that speaks of a wrong sign (theory).
@@ -95,6 +100,8 @@ OPPOSITE = -0.5
 SAME_RECORD = 0.95
 #: The same, from which a hold-out has too much of the record (training).
 OVERLAP = 0.1
+#: Stretches that are looked for in the other record, and their samples (numerics).
+LOOKS, LOOK_WIDTH = 40, 50
 #: Share of different values in a stretch in which a signal moves (theory: else any two agree).
 MOVING = 0.5
 #: Ratio of the inertias of two records of one axis at most (physics: payloads).
@@ -122,6 +129,8 @@ FAR_OFF = 1e6
 BEYOND = 0.05
 #: Share of a record that must lie where the other one has been, or all of it counts (training).
 COMMON = 0.3
+#: Samples of a block at least (numerics: its sum is as a normal one's).
+LEAST_BLOCK = 20
 #: Numbers of stretches into which a record that judges itself may be cut (training).
 STRETCHES = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 
@@ -170,6 +179,15 @@ LEAST_WINDOW = 50
 SPLIT_HZ = 12.0
 #: Quantile of the windows that count as quiet (training).
 QUIET = 0.7
+#: Share of a window that must count for its energy to: of quiet ones, and of events (training).
+FULL, FULL_EVENT = 0.8, 0.95
+#: Samples per coefficient of the noise model in quiet windows, or all count (theory).
+PER_COEFFICIENT = 20
+#: Width of the lag window that keeps the noise model stable, per sample, and its largest root
+#: (numerics: the spectrum is smoothed over a hundredth of the rate).
+LAG_WINDOW, LARGEST_ROOT = 0.02, 0.999
+#: Share of the degrees of freedom that fitted columns leave, at least (numerics).
+FREE = 0.5
 #: Bins of frequency, and least share of the noise in one that fitted columns leave (numerics).
 FREQUENCIES, LEAST_LEFT = 512, 0.25
 #: Median absolute deviations beyond which a window is an event (training: 0 of 100 without).
@@ -178,6 +196,11 @@ EVENT = 8.0
 EVENT_SPREAD = 0.1
 #: Relative mismatch below which a reference repeats itself (numerics).
 PERIODIC = 1e-4
+#: The same beyond which the reference has left itself, before it comes again, and the samples from
+#: there among which the best repetition lies (numerics).
+ANOTHER, DEEPEST = 0.1, 200
+#: Samples that two passes or records must share for their difference to be a floor (training).
+LEAST_PAIRS = 100
 #: Stretches, and share of a record, that an outside force may take (training).
 FEW_EVENTS, EVENT_TIME = 5, 0.25
 
@@ -196,6 +219,13 @@ CONVERGED = 3e-4
 STEP = 0.01
 #: Largest step of a shape parameter, as a factor (numerics).
 REACH = 3.0
+#: Jacobians of a fit at most; of one that begins near its end; of base parameters beside frozen
+#: effects (numerics).
+JACOBIANS, AGAIN, RETUNED = 8, 4, 3
+#: Shares of a step that are tried until the error falls (numerics).
+SHORTER = (1.0, 0.3, 0.05)
+#: Starting points of an effect's shape at most (cost).
+MOST_SCANS = 400
 #: Jacobians that follow a narrow valley (training).
 VALLEY_STEPS = 24
 #: Share of the energy that a valley may leave to be worth following (training).
@@ -218,6 +248,8 @@ ADEQUATE = 1.12
 SHORT = 520
 #: Whitened energy at which named effects count as all there is, a little above (training).
 ADEQUATE_NAMED = 1.15
+#: Whitened energy below that over which the remainder counts more and more as floor (training).
+ALL_LEFT = 0.1
 #: Correlation of what two effects change from which they are one law to first orders (judgement).
 TWIN = 0.98
 #: Whitened energy over the floor at which nothing is left to decide between rivals (training).
@@ -252,6 +284,9 @@ WEIGHTS = {
 #: Explained share of the gap from which nothing nameless is suspected, and below which it is
 #: (training, seeds 300 to 330; EMPS has 0.9, the pendulum whose model lacks gravity 0.8).
 ENOUGH = (0.8, 0.7)
+#: Ends of the scales of evidence: least gain and share, most disagreement, least evenness: beyond
+#: them nothing more is said by more (training).
+LEAST_EVIDENCE, MOST_DISAGREEMENT, LEAST_EVENNESS = 1e-3, 4.0, 0.03
 #: No name is surer than the 146 of 146 in the best bin of that regression can tell (theory).
 SUREST = 0.99
 #: Probability below which nothing is named (training: names of smooth backgrounds lie below).
@@ -283,6 +318,9 @@ COOLING = (1.0, 3.0, 10.0, 30.0)
 #: size of a coefficient beside its roughness: what one fold has not seen is nothing (numerics).
 PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 100.0)
 TO_ZERO = 0.1
+#: Square of the least singular value, of the largest, of columns that are still told apart
+#: (numerics).
+ALIKE = 1e-10
 #: Whitened energy from which what is left is worth a description (theory: half the floor, 1.25).
 DESCRIBED = 1.05
 #: Block t value of the energy that it saves on held-out data (training).
@@ -314,6 +352,8 @@ CHANGED = 1.5
 STEADY = 1.3
 #: Share of a record outside the other one's range that is worth a remark (taste).
 REMARK = 0.03
+#: Share of the samples at which a known input may step to have edges of its own (judgement).
+FEW_EDGES = 0.05
 #: Blocks at least, also of a short stretch, for the interval of an error (theory).
 LEAST_BLOCKS = 10
 #: Share of the force error by which names must lower it (judgement: of two false names, on a
@@ -321,6 +361,8 @@ LEAST_BLOCKS = 10
 FAINT = 0.005
 #: Share of the gap below which an effect closes nothing by itself (training).
 NOTHING_ALONE = 0.02
+#: Share of the reducible gap whose names need no other answer to be compared with (training).
+ALL_CLOSED = 0.97
 #: Of the error before: what the corrected controller leaves, worth a line of its own (taste).
 CORRECTED = 0.98
 #: Growth of what one of two effects cannot imitate that makes a motion worth advice (taste).

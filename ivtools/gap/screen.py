@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..loop import Simulation
 from ..physics import Term
 from . import spatial_lines
-from .fit import Fit, normal
+from .fit import Fit, normal, orthonormal
 from .fold import Fold, Side
 from .library import Box, Scales, alternatives, scans
 from .rules import DIVERGED_COLUMN, GLANCE
@@ -75,7 +75,7 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
         Effect to `Score`.
     """
     fold, now = fit.fold, fit.fold.simulate(fit.loop, fit.values)
-    basis = _orthonormal(fit.J)
+    basis = orthonormal(fit.J)
     e = fit.e - basis @ (basis.T @ fit.e)
     lines = spatial_lines.search(fold, side.response, e, now, terms)
     found: dict[str, Score] = {}
@@ -149,11 +149,6 @@ def _law(term: Term, index: int, shape: dict[str, float], simulation: Simulation
 def _sound(columns: Array) -> bool:
     """Whether columns are of a loop that did not diverge: its end may be huge and finite."""
     return bool(np.max(np.abs(columns), initial=0.0) < DIVERGED_COLUMN)
-
-
-def _orthonormal(J: Array) -> Array:
-    scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    return np.linalg.qr(J / scale)[0]
 
 
 def _score(d: _Direction, basis: Array, e: Array, fold: Fold) -> Score:

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from scipy import linalg, signal
 
 from ..loop import Simulation
-from .fit import Fit, normal
+from .fit import Fit, normal, orthonormal
+from .fold import threaded
 from .rules import (
+    ALIKE,
     COARSE_KNOTS,
     COOLING,
     FORGETTING,
@@ -87,7 +89,7 @@ class Basis:
         return np.hstack([hats, hats * np.sign(signed["dq"])[:, None]])
 
     def parts(self, run: Simulation) -> dict[str, Array]:
-        """Return forces over each of `OVER`, (n_samples, m)."""
+        """Return forces over each of `OVER` but waves, (n_samples, m)."""
         q, dq, tau = (s[0][:, 0] for s in signals([run]))
         sign, dt = np.sign(dq), float(run.t[1] - run.t[0])
         v = dq / max(float(np.max(np.abs(dq))), 1e-300)
@@ -99,10 +101,15 @@ class Basis:
         found["gain"] = np.hstack([where, fast]) * load[:, None]
         found["past"] = _past(v, dt)
         found["heat"] = _heat(v, dt)
-        waves = [np.exp(2j * np.pi * q / p)[:, None].view(float) for p in self.periods]
-        wave = np.hstack(waves) if waves else np.empty((len(q), 0))
-        found["wave"] = np.hstack([wave * sign[:, None], wave * v[:, None]])
         return found
+
+    def waves(self, run: Simulation) -> Array:
+        """Return dry and viscous friction that is periodic over position, (n_samples, m)."""
+        q, dq = run.q[:, 0], run.dq[:, 0]
+        friction = np.column_stack([np.sign(dq), dq / max(float(np.max(np.abs(dq))), 1e-300)])
+        each = [np.exp(2j * np.pi * q / p)[:, None].view(float) for p in self.periods]
+        columns = [wave * w[:, None] for w in friction.T for wave in each]
+        return np.hstack(columns) if columns else np.empty((len(q), 0))
 
     def hats(self, name: str, x: Array) -> Array:
         """Return the hat functions of a signal at some values, (n, knots)."""
@@ -170,8 +177,55 @@ def _unit_size(columns: Array) -> Array:
     return np.asarray(columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300))
 
 
+class Columns:
+    """What forces do to the error of one fold beside its base model.
+
+    Parameters
+    ----------
+    fit : Fit
+        The base model.
+    shared : ndarray, (n_kept, m)
+        `Fold.answers` that other fits use as well: they are not copied.
+    own : ndarray, (n_kept, k), optional
+        Such as only this fit has.
+    square : ndarray, (m, m), optional
+        Products of the shared ones, where they are known.
+    """
+
+    def __init__(
+        self, fit: Fit, shared: Array, own: Array | None = None, square: Array | None = None
+    ) -> None:
+        self.base, self.shared = orthonormal(fit.J), shared
+        self.own = np.empty((len(shared), 0)) if own is None else own
+        self.known = np.hstack([self.base.T @ shared, self.base.T @ self.own])
+        mixed = shared.T @ self.own
+        first = shared.T @ shared if square is None else square
+        whole = np.block([[first, mixed], [mixed.T, self.own.T @ self.own]])
+        self.square = np.asarray(whole - self.known.T @ self.known)  # of what the base leaves
+
+    def side(self, x: Array) -> Array:
+        """Return the products with signals that are beside the base model already, (m + k, ...)."""
+        return np.concatenate([self.shared.T @ x, self.own.T @ x])
+
+    def times(self, beta: Array) -> Array:
+        """Return the columns times their coefficients, (n_kept, ...)."""
+        split = self.shared.shape[1]
+        whole = self.shared @ beta[:split] + self.own @ beta[split:]
+        return np.asarray(whole - self.base @ (self.known @ beta))
+
+    def left(self, x: Array, count: int | None = None) -> Array:
+        """Return what the first columns leave of signals beside the base model, (n_kept, ...)."""
+        rows = slice(count)
+        size = np.sqrt(np.maximum(np.diag(self.square)[rows], 1e-300))[:, None]
+        A, b = self.square[rows, rows] / size / size.T, self.side(x)[rows] / size
+        beta = np.zeros((len(self.square), x.shape[1]))
+        if np.isfinite(A).all() and np.isfinite(b).all():  # else of a loop that diverged
+            beta[rows] = np.linalg.lstsq(A, b, rcond=ALIKE)[0] / size
+        return x - self.times(beta)
+
+
 #: What smooth laws do to the error of a fit, as long as the fit is there.
-_IMITATIONS: WeakKeyDictionary[Fit, Array] = WeakKeyDictionary()
+_IMITATIONS: WeakKeyDictionary[Fit, Columns] = WeakKeyDictionary()
 
 
 def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
@@ -186,9 +240,9 @@ def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
     for b, a in zip(before, after, strict=True):
         if b not in _IMITATIONS:
             run = b.fold.simulate(b.loop, b.values)
-            _IMITATIONS[b] = _answers(b, Basis.of([run]).additive(run))
+            _IMITATIONS[b] = Columns(b, b.fold.answers(Basis.of([run]).additive(run)))
         pair = beside(b, np.column_stack([b.e - a.e, b.e]))
-        kept.append(_explained(_without(_IMITATIONS[b], pair)) / max(_explained(pair), 1e-300))
+        kept.append(_explained(_IMITATIONS[b].left(pair)) / max(_explained(pair), 1e-300))
     return min(kept)
 
 
@@ -206,29 +260,22 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
         Of the line over position, m or rad.
     """
     runs = [f.fold.simulate(f.loop, f.values) for f in before]
-    smooth, bumps, kept = Basis.of(runs, period), Basis.of(runs, 0.25 * period), []
-    for b, a, run in zip(before, after, runs, strict=True):
-        known = _answers(b, smooth.additive(run))
+    smooth, bumps = Basis.of(runs, period), Basis.of(runs, 0.25 * period)
+
+    def share(b: Fit, a: Fit, run: Simulation) -> float:
+        """Return that of one fold."""
+        forces = smooth.additive(run), bumps.over("q", run)
+        columns = Columns(b, *(b.fold.answers(F) for F in forces))
+        known, other = (F.shape[1] for F in forces)
         pair = beside(b, np.column_stack([b.e - a.e, b.e, a.e]))
-        beyond = _without(known, pair)
+        beyond = columns.left(pair, known)
         line = _explained(beyond[:, :2])
-        other = _without(known, _answers(b, bumps.over("q", run)))
-        taken = beyond[:, 2] - _without(other, beyond[:, 2:])[:, 0]
-        bumpy = max(float(taken @ taken) - other.shape[1], 0.0)  # the floor is one a column
-        share = line / max(_explained(pair[:, :2]), 1e-300)
-        kept.append(share * line / max(line + bumpy, 1e-300))
-    return min(kept)
+        taken = beyond[:, 2] - columns.left(pair[:, 2:])[:, 0]
+        bumpy = max(float(taken @ taken) - other, 0.0)  # the floor is one a column
+        kept = line / max(_explained(pair[:, :2]), 1e-300)
+        return kept * line / max(line + bumpy, 1e-300)
 
-
-def _answers(fit: Fit, forces: Array) -> Array:
-    """Return what forces do to the error beside the base, to unit size, (n_kept, m)."""
-    C = beside(fit, fit.fold.answers(forces))
-    return np.asarray(C / np.maximum(np.linalg.norm(C, axis=0), 1e-300))
-
-
-def _without(columns: Array, x: Array) -> Array:
-    """Return what is left of whitened signals (n, k) beside columns of unit size (n, m)."""
-    return np.asarray(x - columns @ normal(columns, x, 1e-5))
+    return min(threaded(share, before, after, runs))
 
 
 def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Array]]:
@@ -264,6 +311,5 @@ def _explained(pair: Array) -> float:
 
 def beside(fit: Fit, columns: Array) -> Array:
     """Return what the base model cannot imitate of whitened columns."""
-    scale = np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300)
-    Q = np.linalg.qr(fit.J / scale)[0]
+    Q = orthonormal(fit.J)
     return columns - Q @ (Q.T @ columns)

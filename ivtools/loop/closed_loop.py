@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from math import inf, isfinite, isnan
+from math import inf, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 from weakref import WeakKeyDictionary
@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 from numpy.typing import ArrayLike
 
 from ..errors import AxisError, RecordError
+from ..limits import LARGEST
 from ..physics import Term, find
 from ..pipeline import Pipeline
 from ..record import Record
@@ -90,8 +91,11 @@ class ClosedLoop(Model):
                 raise AxisError(f"term {name!r} is given twice; a model holds each term once")
         if self.joint not in ("prismatic", "revolute"):
             raise AxisError(f"joint is {self.joint!r}; it is 'prismatic' or 'revolute'")
-        if not (isfinite(self.gain) and self.gain != 0.0):
-            raise AxisError(f"drive gain is {self.gain}; it must be finite and not 0")
+        if not 1.0 / LARGEST <= abs(self.gain) <= LARGEST:
+            raise AxisError(
+                f"drive gain is {self.gain}; it must not be 0, and between {1.0 / LARGEST:g} and "
+                f"{LARGEST:g} in size"
+            )
         if not 0.0 <= self.delay <= _LONGEST_DELAY:
             raise AxisError(
                 f"drive delay is {self.delay} s; it lies between 0 and {_LONGEST_DELAY} s"

@@ -17,6 +17,7 @@ from .inertia import STANDARD, body, described, moved, pseudo_inertia, standard
 
 Array = NDArray[np.float64]
 
+HEAVIEST = 1e9  # number of a body: kg, kg m or kg m2
 EARTH = (0.0, 0.0, -9.81)
 
 
@@ -99,6 +100,15 @@ class Robot:
     gravity: tuple[float, float, float] = EARTH
     places: Mapping[str, Place] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        worst = int(np.argmax(np.abs(self.inertias).max(axis=1, initial=0.0)))  # a NaN first
+        if not np.abs(self.inertias[worst]).max(initial=0.0) <= HEAVIEST:
+            raise AxisError(
+                f"the link of joint {self.joints[worst].name} has mass, moments or inertia of "
+                f"{np.abs(self.inertias[worst]).max():.3g} (SI), its tool with it; no body is "
+                f"larger than {HEAVIEST:g}"
+            )
 
     # --- where it comes from -------------------------------------------------------------------
 
@@ -221,11 +231,20 @@ class Robot:
             Centre of mass in the link's frame, m.
         inertia : (3, 3) array_like, optional
             About the centre of mass, kg m2; default: a point.
+
+        Raises
+        ------
+        AxisError
+            If there is no such link, or these are not the numbers of a body.
         """
         if link not in self.places:
             raise AxisError(f"robot has no link {link!r}; its links: {', '.join(self.places)}")
         at = self.places[link]
         tensor = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, dtype=float)
+        if not np.array_equal(tensor, tensor.T):  # NaN neither
+            raise AxisError(f"tool inertia is {tensor.tolist()}; it must be symmetric")
+        if not mass >= 0.0:
+            raise AxisError(f"tool mass is {mass:g} kg; it must not be negative")
         P = moved(body(mass, np.asarray(com, dtype=float), tensor), at.rotation, at.position)
         phi = np.array(self.inertias)
         if at.joint >= 0:  # what sits on the base is not felt

@@ -115,7 +115,8 @@ def nulls(content: Any, path: str = "") -> list[str]:
     if isinstance(content, dict):
         if content.get("converged") is False or any(content.get(word) for word in REASONS):
             return []
-        found = [f"{path}.{k}" for k, v in content.items() if v is None and k not in MAY_BE_NULL]
+        lost = [k for k, v in content.items() if v is None and k not in MAY_BE_NULL]
+        found = [f"{path}.{k}" for k in lost if not content.get(f"{k}_reason")]
         return found + [p for k, v in content.items() for p in nulls(v, f"{path}.{k}")]
     if isinstance(content, list):
         return [p for k, v in enumerate(content) for p in nulls(v, f"{path}[{k}]")]
