@@ -81,7 +81,9 @@ class Pipeline:
         Delay of the force, in samples, whole or fractional. +0.5 means that the force at sample k
         is the mean of tau[k-1] and tau[k]: a command held over the sample acts in between.
     min_speed : float
-        Rows where the speed is below this are dropped (m/s or rad/s); 0 keeps every row.
+        Rows where the speed is below this are dropped (m/s or rad/s); 0 keeps every row. The speed
+        is the measured one or, of methods with a simulation, in the end the simulated one
+        (`Problem.masked_by`).
     guard : int
         Samples dropped on either side of a slow sample as well.
     blank : bool
