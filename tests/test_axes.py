@@ -21,7 +21,7 @@ from benchmarks.axes.population import population  # noqa: E402
 
 QUICK = ("idim-ls", "idim-iv", "didim", "idim-bciv", "idim-piv")
 SEARCHED = ("clie", "cloe")
-EXACT = {"idim-ls": 3e-3, "idim-iv": 3e-3, "didim": 3e-3, "cloe": 5e-3}
+EXACT = {"idim-ls": 1e-2, "idim-iv": 1e-2, "didim": 1e-2, "cloe": 5e-3}
 
 
 def fitted(case, method, seed=0, rule=None):
@@ -77,6 +77,12 @@ def test_records_without_noise_give_the_truth_back():
     check_truth(population(100, seed=33), (*QUICK, *SEARCHED))
 
 
+def test_a_second_estimate_that_starts_at_the_solution_has_converged():
+    """Without noise the rows are chosen at it, and misfits are rounding alone."""
+    fit, relative, _ = fitted(population(60, seed=2034)[59], "idim-bciv")
+    assert fit.converged and np.abs(relative).max() < 1e-9
+
+
 def test_no_estimate_goes_astray():
     noisy = [case for case in population(16, seed=34) if case.force_noise]
     check_population(noisy, ("idim-iv", "idim-bciv", "idim-piv"))
@@ -123,8 +129,8 @@ def test_a_late_iteration_ends_with_one_step_of_the_noise_model():
 
 
 @pytest.mark.slow
-def test_strong_stiction_and_coloured_noise_let_eight_in_ten_converge():
-    check_stiction(range(2000, 2040), least=32)
+def test_strong_stiction_and_coloured_noise_let_nineteen_in_twenty_converge():
+    check_stiction(range(2000, 2040), least=38)
 
 
 @pytest.mark.parametrize("case", population(6, seed=36), ids=lambda case: case.name)

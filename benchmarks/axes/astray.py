@@ -109,18 +109,19 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _known(table: pd.DataFrame) -> str:
-    """Say how well what is off can be known at all."""
+    """Say how well what is more than 20 % off can be known at all."""
     table = _judged(table)
-    found = table[table["off"]][["record", "parameter", "true"]].drop_duplicates(ignore_index=True)
+    far = table[table["off"] & (table["percent"].abs() > OFF_PERCENT)]
+    found = far[["record", "parameter", "true"]].drop_duplicates(ignore_index=True)
     if found.empty:
-        return "None is off."
+        return "None is more than 20 % off."
     cases = population(RECORDS, SEED)
     bounds = [100.0 * cases[r].bound()[p] / abs(t) for r, p, t in found.itertuples(index=False)]
     return (
-        f"What is off is {' or '.join(sorted(set(found['parameter'])))}, of "
+        f"More than 20 % off is {' or '.join(sorted(set(found['parameter'])))}, of "
         f"{found['record'].nunique()} records. The Cramer-Rao bound of these parameters is "
-        f"{min(bounds):.2g} to {max(bounds):.2g} %\nof their values: so badly does any unbiased "
-        "estimate know them."
+        f"{min(bounds):.2g} to {max(bounds):.2g} %\nof their values: the deviation of the best "
+        "unbiased estimate."
     )
 
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 WORSE = 1.25  # of the least misfit on the way: what fits worse is another solution
+EXACT = 1e-7  # of the force: what is left below this is the arithmetic's, not noise
 SETTLING_ROWS = 3  # decimated rows at either end that its filter's start and stop reach
 
 
@@ -153,7 +154,10 @@ def _sound(paths: list[Path]) -> Path | None:
     least = min((misfit for path in paths for misfit in path.misfits), default=np.inf)
     ended = [path for path in paths if path.converged]
     best = min(ended, key=lambda path: path.misfits[-1], default=None)
-    return best if best is not None and best.misfits[-1] <= WORSE * least else None
+    if best is None or best.step is None:
+        return None
+    rounding = EXACT * norm(best.step.system.y)
+    return best if best.misfits[-1] <= WORSE * least + rounding else None
 
 
 def _tried(method: Estimator, problem: Problem) -> FitResults | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
-from ivtools.estimators.compensated import IDIMBCIV
+from ivtools.estimators.compensated import EXACT, IDIMBCIV
 from ivtools.estimators.step import STEADY, Step, System
 from ivtools.linalg import NoiseModel, Weights, covariance, segment_starts, solve_iv
 from ivtools.linalg.noise import MAX_ORDER, Criterion
@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 
 LAGS = 20  # of the Ljung-Box test
 DOUBT = 4.0  # standard errors
-EXACT = 1e-7  # of the force: a residual below this is the arithmetic's, not noise
 
 
 @dataclass(frozen=True)
