@@ -41,6 +41,9 @@ LAW_ERROR = 0.2
 #: Relative parity error from which the record is asked for its own law (physics: a digital law
 #: repeats to rounding, and to 0.3 % where log and controller sample apart).
 PARITY_POOR = 0.02
+#: Samples from which that law is read, the middle ones of a longer record; it is judged on all
+#: (judgement: minutes of motion show a law, and the search takes seconds of them).
+LAW_SAMPLES = 200_000
 #: Power that the record's own law may leave, of that of the declared one (judgement, not trained).
 LAW_BETTER = 0.5
 #: R2 below which no law is taken (it explains the command, or nothing is said).
