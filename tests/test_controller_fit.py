@@ -39,6 +39,50 @@ def test_the_law_of_any_kind_is_found(kind, seed):
     assert gains(found) == pytest.approx(gains(loop.controller), rel=0.02, abs=1e-9)
 
 
+NOISY = [  # seed, kind; 250 Hz to 4 kHz
+    (0, "p-pi"), (1, "p-pi"), (0, "cascade-pd"), (1, "cascade-pd"), (0, "pd"), (2, "pd"),
+    (0, "pid"), (1, "pid"), (0, "pi-velocity"), (2, "pi-velocity"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("seed", "kind"), NOISY)
+def test_noise_of_the_log_that_the_controller_did_not_see_leaves_the_gains(seed, kind):
+    """1e-4 of the stroke: differentiated, as large as the velocity itself at 4 kHz."""
+    rng = np.random.default_rng([seed, len(kind)])
+    loop, theta, stroke = populations.axis(rng, ("prismatic", "revolute")[seed % 2])
+    hz = (250.0, 1000.0, 4000.0)[(seed + len(kind)) % 3]
+    fast = 3.0 if hz < 500.0 else 1.0
+    law = populations.controller(rng, kind, theta["inertia"], hz, fast)
+    law = replace(law, settings={k: v for k, v in law.settings.items() if "filter" not in k})
+    loop = replace(loop, controller=populations.scaled(law, loop.gain))
+    record = populations.reference(rng, int(10 * hz), hz, stroke)
+    made = loop.simulate(record, theta, initial="rest")
+    noise = 1e-4 * stroke * rng.normal(size=made.q.shape)
+    record = record.replace(q=made.q + noise, nu=made.nu)
+    report = replace(loop, controller=UNKNOWN).identify_controller(record)[1]
+    assert report.noise == pytest.approx(1e-4 * stroke, rel=0.03)
+    assert law_of(report.controller) == pytest.approx(law_of(loop.controller), rel=0.02, abs=1e-9)
+
+
+def law_of(controller):
+    """Return the gains on position, velocity and their integral: a cascade is a pd with c = 0."""
+    s = controller.full
+    if controller.kind == "cascade-pd":
+        return {"kp": s["kp"] * s["kv"], "kd": s["kv"], "c": 0.0}
+    return gains(controller)
+
+
+def test_noise_of_the_command_is_not_taken_for_noise_of_the_position():
+    loop, _, record = played(1, "cascade-pd", noise=1e-5)
+    rng = np.random.default_rng(4)
+    rough = 0.03 * float(np.std(record.nu)) * rng.normal(size=record.nu.shape)
+    report = replace(loop, controller=UNKNOWN).identify_controller(
+        record.replace(nu=record.nu + rough)
+    )[1]
+    assert report.noise is None
+    assert gains(report.controller) == pytest.approx(gains(loop.controller), rel=0.02)
+
+
 @pytest.mark.parametrize("kind", ["cascade-pd", "p-pi"])
 def test_feed_forwards_that_are_not_in_the_log_are_told(kind):
     rng = np.random.default_rng(5)

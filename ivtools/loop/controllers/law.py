@@ -88,6 +88,21 @@ class LinearLaw:
             return np.asarray(answer + states[:, :, 0] @ self.C, dtype=complex)
         return answer
 
+    def polynomials(self) -> tuple[Array, Array]:
+        """Return numerator and denominator, in z^-1, of the answer to the position.
+
+        Limits aside, and with the velocity that is made of the position.
+        """
+        under = np.poly(self.A) if len(self.C) else np.ones(1)
+
+        def over(j: int) -> Array:
+            fed = np.poly(self.A - np.outer(self.B[:, j], self.C)) if len(self.C) else under
+            return np.asarray(fed + (self.D[j] - 1.0) * under)
+
+        velocity = np.convolve(over(4), self.taps)
+        velocity[: len(under)] += over(3)
+        return velocity, np.asarray(under)
+
     # --- along a record -----------------------------------------------------------------------
 
     def velocity(self, q: Array) -> Array:

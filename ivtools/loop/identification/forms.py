@@ -19,7 +19,7 @@ _PRODUCTS = 1e-12  # share of the power to which products of columns can be subt
 WORTH = 0.8  # one setting more must leave at most this much of the residual
 _SLIPS, _SLIP = (1e-3, 1e-6, pi / 180.0), 0.01  # mm, um or degrees for m or rad, so exactly
 _SLACK = 0.05  # below 0 and above 1 of the weight of a reference
-_MOST = 4  # feed-forwards and columns beside one law
+MOST = 4  # feed-forwards and columns beside one law
 LEAST = 2e-3  # share of the command that a feed-forward must be
 _SAME = 1e-7  # share of a column outside of the others that is none
 
@@ -88,28 +88,32 @@ class Form:
             return []
         if "dq" in collected and collected["dq"] == 0.0:
             return []
-        fed = {name: self.coefficients[name] for name in self.further}
-        back = {k: v for k, v in fed.items() if k in data.record.extra and abs(v - 1.0) > 0.05}
         try:
             found = KINDS[self.kind].from_columns(collected)
         except (KeyError, ZeroDivisionError):
             return []
         return [
-            replace(
-                known,
-                kind=self.kind,
-                settings=settings,
-                velocity_filter=self.taps,
-                velocity="logged" if data.logged else "differences",
-                delay=self.delay,
-                limit=data.limit,
-                feedforward={k: v for k, v in fed.items() if k not in back},
-                feedback=back,
-                filter=None,
-            )
+            self.around(known, data, settings)
             for settings in found
             if np.isfinite(list(settings.values())).all() and plausible(settings, sign)
         ]
+
+    def around(self, known: Controller, data: Data, settings: Mapping[str, float]) -> Controller:
+        """Return the controller with these settings and all else that the form has."""
+        fed = {name: self.coefficients[name] for name in self.further}
+        back = {k: v for k, v in fed.items() if k in data.record.extra and abs(v - 1.0) > 0.05}
+        return replace(
+            known,
+            kind=self.kind,
+            settings=settings,
+            velocity_filter=self.taps,
+            velocity="logged" if data.logged else "differences",
+            delay=self.delay,
+            limit=data.limit,
+            feedforward={k: v for k, v in fed.items() if k not in back},
+            feedback=back,
+            filter=None,
+        )
 
 
 def plausible(settings: Mapping[str, float], sign: float) -> bool:
@@ -178,7 +182,7 @@ class Regressions:
 
     def grown(self, form: Form) -> Form:
         """Return a form with those feed-forwards and columns that are worth their price."""
-        for _ in range(_MOST):
+        for _ in range(MOST):
             rest = [n for n in self.data.further if n not in form.further and self._new(form, n)]
             more = [self.solved(replace(form, further=(*form.further, n))) for n in rest]
             more = [f for f in more if self._real(f, f.further[-1])]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from ...errors import AxisError
 from ..controllers import Controller, Seen
 from .data import Data
-from .forms import criterion
+from .forms import criterion, price
 
 Array = NDArray[np.float64]
 
@@ -20,6 +21,9 @@ _STEPS = 6  # of Gauss and Newton
 _HALVES = 4  # of a step that makes it worse
 _GAINED = 1e-4  # of the power left, below which a step is the last
 _DONE = 1e-10  # of the command, that is nothing
+_ALIKE = 0.2  # of the price of a setting: laws as good as each other
+_CHANCE = 4.0  # by which twice a log likelihood differs by chance
+NOISE = 1e-3  # share of the noise's power that a setting must remove at least
 _KEPT = {"kp", "kv", "ki", "kd", "c", "b", "derivative_filter"}
 
 
@@ -38,6 +42,11 @@ class Fitted:
     resids : ndarray, (rows,)
     left : float
         Share of the command's power that is left.
+    noise : float, optional
+        Rms, m or rad, of the noise that the controller did not see, where the law was turned round
+        (`inverse`): jacobian and resids are then those of the position.
+    spread : mapping
+        What else is unsure of a setting: how far it moves among laws that are as likely.
     """
 
     controller: Controller
@@ -45,11 +54,29 @@ class Fitted:
     jacobian: Array
     resids: Array
     left: float
+    noise: float | None = None
+    spread: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def price(self) -> float:
+        """What a setting costs."""
+        rows = len(self.resids)
+        return (
+            price(rows) if self.noise is None else max(2.0 * log(rows) / rows, NOISE)
+        )  # of many tried
+
+    @property
+    def alike(self) -> float:
+        """Difference of criteria up to which two laws are as good as each other."""
+        rows = len(self.resids)
+        return _ALIKE * price(rows) if self.noise is None else _CHANCE / rows
 
     @property
     def criterion(self) -> float:
-        """As that of a form."""
-        return criterion(self.left, len(self.names), len(self.resids))
+        """Log power of what is left, as that of a form, or of the noise, plus its settings'."""
+        if self.noise is None:
+            return criterion(self.left, len(self.names), len(self.resids))
+        return 2.0 * log(self.noise) + len(self.names) * self.price
 
 
 class Law:
@@ -85,7 +112,7 @@ def polished(data: Data, controller: Controller, steps: int = _STEPS) -> Fitted:
     Gauss and Newton's steps by differences; the state in which the law began is fitted anew at
     each.
     """
-    law, names = Law(data, controller), tuple(_names(controller))
+    law, names = Law(data, controller), tuple(names_of(controller))
     e = law.resids(controller)
     for _ in range(steps):
         J = jacobian(law, controller, names, e)
@@ -143,7 +170,7 @@ def _unit(controller: Controller, name: str) -> float:
     return 1.0
 
 
-def _names(controller: Controller) -> Iterator[str]:
+def names_of(controller: Controller) -> Iterator[str]:
     """Yield what can be fitted of a controller."""
     kept = [k for k in controller.settings if k in _KEPT]
     if controller.settings.get("c") in (0.0, 1.0):

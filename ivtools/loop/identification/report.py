@@ -53,6 +53,8 @@ class ControllerFit:
     low_pass : float or None
         Cut-off, Hz, below which the law was fitted, if the log's noise is not what the controller
         saw.
+    noise : float or None
+        Rms, m or rad, of that noise, where the law was turned round to find it.
     """
 
     controller: Controller
@@ -63,6 +65,7 @@ class ControllerFit:
     tried: tuple[tuple[str, int, int, float], ...]
     remains: tuple[str, ...] = ()
     low_pass: float | None = None
+    noise: float | None = None
     fitted: tuple[str, ...] = field(default=(), repr=False)
 
     @property
@@ -92,6 +95,11 @@ class ControllerFit:
         doubt = "; a poor fit, so treat what rests on it with care" if self.residual > _POOR else ""
         velocity = ", velocity as logged" if self.controller.velocity == "logged" else ""
         behind = f" below {self.low_pass:.3g} Hz" if self.low_pass else ""
+        if self.noise is not None:
+            behind += (
+                f"; the log's position has noise of {self.noise:.2g} m or rad (rms) that the "
+                "controller did not see"
+            )
         rest = "".join(f"; {text}" for text in self.remains)
         return (
             f"controller identified from the record: {self.controller.kind}, {gains}, delay "
@@ -154,6 +162,7 @@ def fit_of(
         tried=rows,
         remains=remains(loop, data, best),
         low_pass=data.low_pass,
+        noise=best.noise,
         fitted=tuple(errors),
     )
 
@@ -163,7 +172,11 @@ def std_errors(best: Fitted) -> dict[str, float]:
     size = np.linalg.norm(best.jacobian, axis=0)
     size[size == 0.0] = 1.0
     cov = covariance(best.jacobian / size, best.resids) / np.outer(size, size)
-    errors = dict(zip(best.names, np.sqrt(np.maximum(np.diag(cov), 0.0)).tolist(), strict=True))
+    deviations = np.sqrt(np.maximum(np.diag(cov), 0.0)).tolist()
+    errors = {
+        name: float(np.hypot(error, best.spread.get(name, 0.0)))
+        for name, error in zip(best.names, deviations, strict=True)
+    }
     if best.controller.velocity == "differences":
         taps = [i for i, n in enumerate(best.names) if n.startswith("velocity_filter")]
         first = float(np.sqrt(max(cov[np.ix_(taps, taps)].sum(), 0.0)))

@@ -10,12 +10,13 @@ import numpy as np
 from ...linalg.noise import NoiseModel
 from ...record import Record
 from ..controllers import Controller
-from ..controllers.filters import LoopFilter
 from .data import Data
 from .forms import LEAST, Form, Regressions, plausible, price
 from .instruments import refined
+from .inverse import WHITE, innovation, turned
 from .polish import Fitted, polished, values
 from .report import ControllerFit, Tried, fit_of, std_errors
+from .shapes import filters
 
 if TYPE_CHECKING:
     from ..closed_loop import ClosedLoop
@@ -30,13 +31,11 @@ _INTEGRAL = 0.1  # of the proportional part, that an integral may become in a re
 _ORDER = 20  # of the noise model at most
 _CERTAIN = 0.05  # standard error of a gain, of itself, at most, that instruments tell
 _STARTS = 2  # laws with filters that are fitted, of each sort of filter
+_POOR = 0.5  # share of the power of the command, low-passed, that is not explained at most
+_ROWS = 200  # at least, of a low-passed log from which a search begins
 _UNLIKELY = 0.7  # prices of a setting that a kind must be better by if it is the less likely one
-_ALIKE = 0.2  # of the price of a setting: laws as good as each other
 _FILTERED = 1e-7  # share of the power left from which a filter in the loop is looked for
 _WORTH = 0.5  # of the residual's power that it must remove
-_HZ = (0.01, 0.02, 0.035, 0.06, 0.1, 0.16, 0.25, 0.38)  # of the sampling rate
-_SHARE = (None, 0.7), (0.3, 0.7)  # dampings tried: of a low-pass, of a notch
-_LAGS = (1.0, 3.0, 10.0, 30.0)  # samples, of a derivative's filter
 
 
 def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
@@ -45,31 +44,51 @@ def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
     ways = [False, True] if record.dq is not None else [False]
     if loop.controller.velocity == "logged" and record.dq is not None:
         ways = [True]
-    found: list[tuple[Fitted, Data]] = []
     tried: list[Tried] = []
-    for logged in ways:
-        data = Data.of(loop, record, logged)
-        best, forms = _best(loop, data)
+    seen = [Data.of(loop, record, logged) for logged in ways]
+    laws: list[list[Fitted]] = []
+    for data in seen:
+        plain, forms = _plain(loop, data)
         tried += forms
-        if best is not None:
-            found.append((best, data))
-
-    def cost(one: tuple[Fitted, Data]) -> float:
-        """Return a price: a velocity that a drive logs is more likely its own than differences."""
-        return one[0].criterion - _UNLIKELY * price(one[1].record.n_samples) * one[1].logged
-
-    best, data = min(found, key=cost, default=(None, data))
+        laws.append(plain)
+    best, data = _cheapest(loop, laws, seen)
+    if best is not None and best.left > _NOISY:
+        unseen = _unseen(loop, seen[0], best)
+        if unseen is not None:
+            return fit_of(loop, *unseen, tried)
+    if best is not None and best.left > _FILTERED:
+        laws = [
+            plain + _surrounded(loop, data, _chosen(loop, plain, data).left) if plain else plain
+            for plain, data in zip(laws, seen, strict=True)
+        ]
+        best, data = _cheapest(loop, laws, seen)
     if best is not None and best.left > _NOISY:
         best, data = _quiet(loop, data, best) or (best, data)
         told = _instrumented(replace(data, low_pass=None), best)
         if told is not None and _certain(told):
             best = replace(told, left=best.left)
-        return fit_of(loop, best, data, tried)
     return fit_of(loop, best, data, tried)
 
 
-def _best(loop: ClosedLoop, data: Data) -> tuple[Fitted | None, list[Tried]]:
-    """Return the law that explains the command at the least price, and what was tried."""
+def _cheapest(
+    loop: ClosedLoop, laws: list[list[Fitted]], seen: list[Data]
+) -> tuple[Fitted | None, Data]:
+    """Return the best law, and what it saw.
+
+    A velocity that a drive logs is more likely its own than differences.
+    """
+    best = [
+        (_chosen(loop, some, data), data) for some, data in zip(laws, seen, strict=True) if some
+    ]
+
+    def cost(one: tuple[Fitted, Data]) -> float:
+        return one[0].criterion - _UNLIKELY * price(one[1].record.n_samples) * one[1].logged
+
+    return min(best, key=cost, default=(None, seen[0]))
+
+
+def _plain(loop: ClosedLoop, data: Data) -> tuple[list[Fitted], list[Tried]]:
+    """Return laws without a filter in the loop, and what was tried."""
     regressions = Regressions(data)
     forms = list(regressions.forms())
     tried = [Tried(f.kind, len(f.taps), f.delay, f.left) for f in forms]
@@ -79,14 +98,7 @@ def _best(loop: ClosedLoop, data: Data) -> tuple[Fitted | None, list[Tried]]:
         own = Regressions(part)
         begun = list(own.forms())
         fitted += _fitted(loop, data, [*begun, *_grown(own, begun)])
-    if not fitted:
-        return None, tried
-    rows, follows = len(data.rows), data.record.q_ref is not None
-    best = _chosen(loop, fitted, rows, follows)
-    if best.left > _FILTERED:
-        surrounded = _surrounded(loop, data, best.left)
-        best = _chosen(loop, [*fitted, *surrounded], rows, follows)
-    return best, tried
+    return fitted, tried
 
 
 def _grown(regressions: Regressions, forms: list[Form]) -> list[Form]:
@@ -128,8 +140,11 @@ def _fitted(loop: ClosedLoop, data: Data, forms: list[Form]) -> list[Fitted]:
 
 def _felt(controller: Controller, data: Data) -> bool:
     """Whether what is fed forward is still worth a setting once the law is polished."""
+    forward = controller.feedforward
+    if any(data.sign * forward.get(name, 0.0) < 0.0 for name in ("acceleration", "coulomb")):
+        return False
     size = LEAST * float(np.sqrt(np.mean(data.command**2)))
-    fed = ((data.further.get(name), gain) for name, gain in controller.feedforward.items())
+    fed = ((data.further.get(name), gain) for name, gain in forward.items())
     return all(x is None or abs(g) * float(np.sqrt(np.mean(x**2))) > size for x, g in fed)
 
 
@@ -140,19 +155,20 @@ def _integrates(controller: Controller, seconds: float) -> bool:
     return "ki" not in s or abs(s["ki"]) * seconds > _INTEGRAL * proportional
 
 
-def _chosen(loop: ClosedLoop, fitted: list[Fitted], rows: int, follows: bool) -> Fitted:
+def _chosen(loop: ClosedLoop, fitted: list[Fitted], data: Data) -> Fitted:
     """Return the cheapest law; among equals the declared kind, then the nearest to it.
 
     Where a position reference is logged, the integral of the velocity's error is more likely the
     error of the position.
     """
+    follows = data.record.q_ref is not None
 
     def cost(f: Fitted) -> float:
         unlikely = follows and f.controller.kind == "pi-velocity" != loop.controller.kind
-        return f.criterion + _UNLIKELY * price(rows) * unlikely
+        return f.criterion + _UNLIKELY * f.price * unlikely
 
-    least = min(cost(f) for f in fitted)
-    alike = [f for f in fitted if cost(f) <= least + _ALIKE * price(rows)]
+    first = min(fitted, key=cost)
+    alike = [f for f in fitted if cost(f) <= cost(first) + first.alike]
     order = ["cascade-pd", "p-pi", "pd", "pi-velocity", "p-velocity", "pid"]
 
     def rank(f: Fitted) -> tuple[bool, int, float]:
@@ -184,7 +200,7 @@ def _surrounded(loop: ClosedLoop, data: Data, least: float) -> list[Fitted]:
     fs = data.record.sampling_hz
     part = data.part(_PART)
     starts: list[tuple[float, Controller]] = []
-    for shape, lag in _filters(fs):
+    for shape, lag in filters(fs):
         behind = replace(part, shape=shape, lag=lag)
         regressions = Regressions(behind)
         forms = [f for f in regressions.forms() if not lag or f.kind == "pid"]
@@ -207,17 +223,6 @@ def _surrounded(loop: ClosedLoop, data: Data, least: float) -> list[Fitted]:
     ]
 
 
-def _filters(fs: float) -> list[tuple[LoopFilter | None, float]]:
-    """Return filters of the command, and time constants of the derivative."""
-    shapes: list[tuple[LoopFilter | None, float]] = [
-        (LoopFilter(kind, share * fs, damping), 0.0)
-        for kind, dampings in zip(("lowpass", "notch"), _SHARE, strict=True)
-        for damping in dampings
-        for share in _HZ
-    ]
-    return shapes + [(None, n / fs) for n in _LAGS]
-
-
 def _stands(controller: Controller, fs: float) -> bool:
     """Whether a fitted filter is one."""
     shape, lag = controller.filter, float(controller.full.get("derivative_filter", 0.0))
@@ -227,6 +232,30 @@ def _stands(controller: Controller, fs: float) -> bool:
 
 
 # --- noise between the encoder and the log -----------------------------------------------------
+
+
+def _unseen(loop: ClosedLoop, data: Data, raw: Fitted) -> tuple[Fitted, Data] | None:
+    """Return the law of a log with noise that the controller did not see, if that is what it has.
+
+    It is, where such noise is white: what a wrong law leaves follows the motion, and what a law
+    leaves that saw just what was logged is whiter as it is.
+    """
+    hz = data.quiet_hz
+    if hz is None or data.logged:
+        return None
+    low = replace(data, low_pass=hz)
+    low = low if low.rows.sum() >= _ROWS else data
+    laws = turned(data, loop.controller, Regressions(low).forms())
+    least = [replace(f, left=polished(low, f.controller, steps=0).left) for f in laws]
+    laws = [f for f in least if f.left < _POOR and _felt(f.controller, data)]
+    if not laws:
+        return None
+    best = _chosen(loop, laws, data)
+    plain = polished(data, best.controller)
+    if plain.left < _FILTERED:
+        return plain, data
+    own, others = innovation(best.resids), innovation(raw.resids)
+    return (best, low) if own > max(WHITE, others) else None
 
 
 def _instrumented(data: Data, best: Fitted) -> Fitted | None:
@@ -274,5 +303,7 @@ def _quiet(loop: ClosedLoop, data: Data, raw: Fitted) -> tuple[Fitted, Data] | N
     moved = [abs(after[n] / before[n] - 1.0) for n in gains if before[n]]
     if not moved or max(moved) < 1e-3:
         return None
-    best, _ = _best(loop, low)
+    laws, _ = _plain(loop, low)
+    laws += _surrounded(loop, low, _chosen(loop, laws, low).left) if laws else []
+    best = _chosen(loop, laws, low) if laws else None
     return (best, low) if best is not None and best.left < raw.left else None
