@@ -286,7 +286,7 @@ class Problem:
             return self.simulated_rows(theta, filtered=filtered, scale_gain=scale_gain)
         simulation, motion = self._trajectory(theta, filtered, scale_gain)
         try:
-            driven = driven_by(simulation.nu, motion, self.record)
+            driven = driven_by(simulation.nu, motion.q, self.record)
         except RecordError as error:
             raise EstimationError(f"the simulated motion is no record: {error}") from error
         rows = self._directed(motion, self.pipeline.align(simulation.tau), driven, theta)
@@ -326,7 +326,7 @@ class Problem:
 
     @cached_property
     def _driven(self) -> Record:
-        return driven_by(self.loop.command(self.record), self.motion, self.record)
+        return driven_by(self.loop.command(self.record), self.motion.q, self.record)
 
     def _observed(self, driven: Record, theta: Theta | None) -> Array:
         """Return the observed velocity, (n_samples, 1)."""

@@ -7,8 +7,11 @@ import pytest
 
 import ivtools as iv
 from benchmarks import populations
+from benchmarks.withheld.cases import draw
+from benchmarks.withheld.suites import Task
 from ivtools.gap import parity
 from ivtools.loop import Controller
+from ivtools.loop.axis_file import from_tables
 
 pytestmark = pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
 
@@ -49,6 +52,16 @@ def test_without_a_controller_the_model_is_pulled_to_the_motion():
     found = iv.diagnose(record, replace(loop, controller=Controller("none", {})))
     assert any("no controller: the model is driven" in f.text for f in found.findings)
     assert "stribeck" in found.effects or "stribeck" in sum(found.ambiguous_with.values(), [])
+
+
+@pytest.mark.parametrize("effect", [(), ("sqrt-viscous",)])
+def test_without_a_controller_a_sharp_motion_is_no_gap(effect):
+    """Smoothed, a measured motion pulled by itself wherever the acceleration jumps."""
+    case = draw(Task("controllers", 2000 if not effect else 2001, effect, ("none",)))
+    first, second = (iv.Record.from_dict(r) for r in case.records)
+    found = iv.diagnose(first, from_tables(case.axis.tables()), holdout=second)
+    assert found.effects == effect
+    assert found.verdict == ("explained" if effect else "adequate")
 
 
 def test_a_velocity_loop_needs_no_position_reference():

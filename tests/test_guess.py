@@ -162,3 +162,52 @@ def test_a_line_above_the_header_may_have_separators_of_its_own(tmp_path):
     found = sniff(file)
     assert found.names == ("Zeit [ms]", "Soll", "Ist", "Strom")
     assert (found.separator, found.decimal, found.first_row) == (";", ",", 2)
+
+
+@pytest.mark.filterwarnings("ignore::ivtools.errors.IVToolsWarning")
+def test_a_supply_is_no_command(tmp_path):
+    """It is a voltage, which would come before the measured current, but nothing follows it."""
+    rng = np.random.default_rng(1)
+    t = np.arange(4000) / 500.0
+    dq_ref = 80.0 * np.sin(2.0 * t) ** 3
+    q, dq, integral = 0.0, 0.0, 0.0
+    rows = ["Time,Speed setpoint (rpm),Speed actual (rpm),Angle (rad),DC bus (V),Current q (A)"]
+    for now, wanted in zip(t, dq_ref, strict=True):
+        error = wanted - dq
+        integral += 0.002 * error
+        current = 0.9 * (error + 6.0 * integral)
+        rows.append(f"{now:.4f},{9.5493 * wanted:.5f},{9.5493 * dq:.5f},{q:.6f},"
+                    f"{560 + rng.normal():.1f},{current:.5f}")  # fmt: skip
+        dq += 0.002 * (0.12 * current - 0.002 * dq - 0.18 * np.tanh(dq)) / 4.2e-3
+        q += 0.002 * dq
+    file = tmp_path / "spindle.csv"
+    file.write_text("\n".join(rows))
+    found = first_axis(file)
+    assert found.roles.columns["nu"] == "Current q (A)"
+    assert found.loop.controller.kind == "pi-velocity"
+
+
+@pytest.mark.filterwarnings("ignore::ivtools.errors.IVToolsWarning")
+def test_a_hinge_in_open_loop_hangs_and_has_no_wrong_sign(tmp_path):
+    """Current, angle and nothing else; without gravity its inertia comes out negative."""
+    rng = np.random.default_rng(9)
+    t = np.arange(4000) / 200.0
+    current = sum(a * np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 6.3))
+                  for f, a in zip((0.13, 0.31, 0.47, 0.71, 1.1), (1.0, 0.9, 0.7, 0.5, 0.3),
+                                  strict=True))  # fmt: skip
+    q, dq, angles = 0.3, 0.0, []
+    for i in current:
+        angles.append(q)
+        for _ in range(20):
+            force = 0.55 * i - 0.06 * dq - 0.12 * np.tanh(dq / 0.01) - 1.1 * np.sin(q)
+            dq += 2.5e-4 * force / 0.035
+            q += 2.5e-4 * dq
+    rows = [f"{a:.3f}\t{np.degrees(b):.4f}\t{c:.5f}"
+            for a, b, c in zip(t, angles, current, strict=True)]  # fmt: skip
+    file = tmp_path / "hinge.txt"
+    file.write_text("\n".join(["time\tangle_deg\ti_cmd_A", *rows]))
+    found = first_axis(file)
+    assert "gravity" in [term.name for term in found.loop.terms]
+    assert found.params["inertia"] == pytest.approx(0.035 / 0.55, rel=0.05)
+    assert found.params["gravity.sin"] == pytest.approx(1.1 / 0.55, rel=0.05)
+    assert not any("sign" in doubt for doubt in found.doubts)

@@ -10,10 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .plant import INDEX, NAMES
+from .plant import INDEX, NAMES, POLE
 
 DT = 0.001  # s
-LAWS = ("cascade-pd", "pd", "pid", "p-pi", "pi-velocity", "p-velocity")
+LAWS = (
+    "cascade-pd", "pd", "pid", "p-pi", "pi-velocity", "p-velocity", "state-space", "none",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,20 @@ class Axis:
         }
         if kind in ("pid", "p-pi", "pi-velocity"):
             controller["ki"] = self.ki * (scale if kind == "pid" else 1.0)
+        if kind == "none":  # whatever it is, its owner knows the command alone
+            controller = {"kind": kind}
+        if kind == "state-space":
+            steep = self.kv * scale * (1.0 - POLE) / DT
+            D = self.kp * scale + steep
+            controller = {
+                "kind": kind,
+                "A": [[POLE]],
+                "B": [[1.0, -1.0]],
+                "C": [[-steep * (1.0 - POLE)]],
+                "D": [[D, -D]],
+                "delay": self.delay,
+                "limit": self.limit,
+            }
         if self.weight != 1.0:
             controller["c"] = self.weight
         if self.ahead:
@@ -153,7 +169,7 @@ def controlled(rng: np.random.Generator, axis: Axis, kind: str) -> Axis:
     law, inner = LAWS.index(kind), rng.uniform(60.0, 100.0)
     kv = inner * axis.inertia / axis.gain
     outer, slow = inner * rng.uniform(0.25, 0.45), inner * rng.uniform(0.05, 0.2)
-    kp = {0: outer, 1: outer * kv, 2: (outer + slow) * kv, 3: outer}.get(law, 0.0)
+    kp = {1: outer * kv, 2: (outer + slow) * kv, 4: 0.0, 5: 0.0, 6: outer * kv}.get(law, outer)
     return replace(
         axis,
         law=law,
@@ -161,7 +177,7 @@ def controlled(rng: np.random.Generator, axis: Axis, kind: str) -> Axis:
         kv=kv,
         ki=outer * slow * kv if kind == "pid" else slow,
         weight=float(rng.choice([1.0, 0.0, 0.8])) if kind in ("pid", "p-pi") else 1.0,
-        ahead=float(rng.choice([0.0, 0.0, 0.7])) * axis.inertia / axis.gain,
+        ahead=(law < 6) * float(rng.choice([0.0, 0.0, 0.7])) * axis.inertia / axis.gain,
     )
 
 

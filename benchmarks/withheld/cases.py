@@ -81,6 +81,9 @@ def _attempt(task: Task, rng: np.random.Generator) -> Case | None:
         paths = [play(axis, {}, x.silent())[2] for x in quiet]
         steady = unknowns.draw(rng, *task.detail, paths)
     values = {e: EFFECTS[e](rng) for e in task.effects}
+    if axes.LAWS[axis.law] == "state-space" and "controller-mismatch" in values:
+        off = rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.05)  # its matrices as a whole
+        values["controller-mismatch"] = {"kp": off, "kv": off}
     if task.suite == "small":
         values = _sized(axis, values, quiet, float(task.detail[0]))
     axis, values = _limited(rng, axis, values, quiet)

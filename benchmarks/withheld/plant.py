@@ -131,21 +131,29 @@ def _pushed(line, value, first):
     line[0] = value
 
 
+POLE = 0.3  # of the state-space law's low-pass
+
+
 @njit(cache=True)
 def _law(law, kp, kv, more, taps, past, dt, ref, dref, ddref, total, limit):
     """Return the command of the control law, V, and the integral so far.
 
     0 is a cascade, 1 pd, 2 pid, 3 a servo of P position and PI velocity, 4 its velocity loop, 5 a
-    proportional one. `more` has the integral gain, the weight of the velocity reference and the
-    feed-forward of the acceleration. The integral stands while the command is beyond its limit.
+    proportional one, 6 a pd on the error whose derivative passes a low-pass of the pole `POLE`, 7 a
+    cascade of which nothing is told. `more` has the integral gain, the weight of the velocity
+    reference and the feed-forward of the acceleration. The integral stands while the command is
+    beyond its limit.
     """
     ki, c, ahead = more
     vel = 0.0
     for j in range(len(taps)):
         vel += taps[j] * (past[j] - past[j + 1]) / dt
     e = ref - past[0]
-    if law == 0:
+    if law == 0 or law == 7:
         return kv * (kp * e - vel) + ahead * ddref, total
+    if law == 6:
+        steep = kv * (1.0 - POLE) / dt
+        return (kp + steep) * e - steep * (1.0 - POLE) * total, POLE * total + e
     if law == 1:
         return kp * e + kv * (c * dref - vel) + ahead * ddref, total
     if law == 5:

@@ -18,7 +18,6 @@ from ..loop import ClosedLoop, Controller
 from ..loop.bandwidth import margin_deg
 from ..loop.observer import driven_by
 from ..loop.rough_inertia import beside_position, shown_inertia
-from ..pipeline import Motion, Pipeline
 from ..record import Record
 from .fit import Fit
 from .fold import usable
@@ -48,8 +47,6 @@ from .rules import (
     SAME_AXIS,
     SAME_RECORD,
     SATURATED,
-    SMOOTHING,
-    SMOOTHING_RATE,
     UNIT_NEAR,
     UNIT_R2,
     UNIT_SAMPLES,
@@ -123,7 +120,7 @@ def followed(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
             "no controller: the model is driven by the recorded command and pulled to the measured "
             "motion, softly; the gap is the force of the pull"
         )
-        return record.replace(q_ref=_smooth(record, PULL_HZ).q), [Finding(text, fatal=False)]
+        return record.replace(q_ref=record.q), [Finding(text, fatal=False)]
     if record.q_ref is not None:
         return record, []
     if loop.controller.needs_position or record.dq_ref is None:
@@ -163,8 +160,8 @@ def pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
     hz = _pull_hz(record, loop, inertia)
     unit = inertia * 2.0 * np.pi * hz / loop.gain
     pull = Controller("pd", {"kp": unit * 2.0 * np.pi * hz, "kd": 1.4 * unit})
-    motion = _smooth(record, hz)
-    return driven_by(loop.command(record), motion, record), replace(loop, controller=pull)
+    driven = driven_by(loop.command(record), record.q, record)  # smoothed, it would pull by itself
+    return driven, replace(loop, controller=pull)
 
 
 def _pull_hz(record: Record, loop: ClosedLoop, inertia: float) -> float:
@@ -172,13 +169,6 @@ def _pull_hz(record: Record, loop: ClosedLoop, inertia: float) -> float:
     own = loop.controller.settings.get("kv")
     hz = PULL_HZ if own is None else abs(loop.gain * own) / inertia / (2.0 * np.pi)
     return float(min(hz, PULL_RATE * record.sampling_hz))
-
-
-def _smooth(record: Record, hz: float) -> Motion:
-    """Return the measured motion, smoothed well above the pull: slower, it would lag the drive."""
-    return Pipeline(min(SMOOTHING * hz, SMOOTHING_RATE * record.sampling_hz), 1).differentiate(
-        record.q, record.dt
-    )
 
 
 def lawless(record: Record, loop: ClosedLoop) -> bool:

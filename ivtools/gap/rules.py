@@ -56,9 +56,6 @@ UNIT_R2 = 0.98
 #: and at most, of the sampling rate.
 PULL_HZ = 5.0
 PULL_RATE = 0.025
-#: Cut-off of the motion that pulls, of that frequency, and at most, of the sampling rate (physics:
-#: a slower one would lag the drive).
-SMOOTHING, SMOOTHING_RATE = 20.0, 0.2
 #: Phase margin, degrees, below which a velocity loop is pulled to the motion too (judgement: the
 #: one of laas-motor has 1 to 4, those of ordinary drives 45 and more).
 MARGIN = 15.0

@@ -17,6 +17,7 @@ from ..errors import DataError, IVToolsError, IVToolsWarning, RecordError
 from ..loop import ClosedLoop
 from ..loop.controllers import Controller
 from ..loop.identification import ControllerFit
+from ..loop.rough_inertia import shown_inertia
 from ..physics import find
 from ..readers import preamble, read_table
 from ..record import Record
@@ -30,6 +31,12 @@ Array = NDArray[np.float64]
 
 _TERMS = ("inertia", "viscous", "coulomb", "offset")
 _SURE = 0.9999  # R2 of a law that leaves no doubt which column is the reference
+_GRAVITY = ("gravity",)
+_HANGS = 0.7  # of the force's error, that gravity leaves at most where it is taken for a term
+_AGAINST = "the inertia comes out negative: has the command the sign of the motion?"
+_NOTHING = (
+    "the inertia comes out negative: the motion tells too little of it, or the force is another"
+)
 _OPPOSITE = "the command has the opposite sign of the motion: [drive] gain is negative"
 _GOOD = 0.98  # R2 of a law that is taken for the controller's
 _MEANS = {
@@ -224,7 +231,7 @@ def _looked(path: Path, log: RecordFormat, roles: Roles, scales: Scales) -> Firs
     except IVToolsError as error:
         loop = replace(loop, controller=Controller("none", {}))
         doubts.append(f"no law was fitted: {error}")
-    params = _rough(record, loop, doubts)
+    loop, params = _rough(record, loop, doubts)
     if scales.gain and params.get("inertia", 0.0) > 0.0:  # else it changes with the gain
         loop = replace(loop, start={"inertia": float(f"{params['inertia']:.3g}")})
     return FirstAxis(path, record, loop, roles, scales, fit, params, tuple(dict.fromkeys(doubts)))
@@ -235,20 +242,31 @@ def _tried(fit: ControllerFit) -> str:
     return f"R2 of the kinds that were tried: {kinds}"
 
 
-def _rough(record: Record, loop: ClosedLoop, doubts: list[str]) -> dict[str, float]:
-    """Return least-squares estimates, or say why there are none."""
+def _rough(
+    record: Record, loop: ClosedLoop, doubts: list[str]
+) -> tuple[ClosedLoop, dict[str, float]]:
+    """Return the loop and least-squares estimates, or say why there are none.
+
+    With gravity among the terms of an axis that turns, if that is a good part of the force.
+    """
     from ..estimators.least_squares import IDIMLS
     from ..problem import Problem
 
     try:
         fit = IDIMLS().fit(Problem(record, loop))
+        if loop.joint == "revolute":
+            hanging = replace(loop, terms=find((*_TERMS, *_GRAVITY)))
+            beside = IDIMLS().fit(Problem(record, hanging))
+            if beside.relative_error < _HANGS * fit.relative_error:
+                loop, fit = hanging, beside
     except IVToolsError as error:
         doubts.append(f"no parameters were estimated: {error}")
-        return {}
+        return loop, {}
     params = {str(k): float(v) for k, v in fit.params.items()}
     if params.get("inertia", 1.0) <= 0.0:
-        doubts.append("the inertia comes out negative: has the command the sign of the motion?")
-    return params
+        against = shown_inertia(loop, record)[1].negative
+        doubts.append(_AGAINST if against else _NOTHING)
+    return loop, params
 
 
 def _needed(roles: Roles, names: list[str]) -> None:

@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 _LOOK_AT = 100_000  # samples
 _ALIKE = 0.95  # correlation of a position with its reference
 _ROUGHER = 1.3  # ratio of the second differences of a measured position to those of its reference
+_MOVED = 0.05  # of a command's power that the motion explains, at least
 _DERIVED = 0.7  # correlation of a velocity with the differences of a position
 
 
@@ -170,12 +171,27 @@ def _command(roles: Roles, table: Mapping[str, Array]) -> None:
         candidates = silent[:1]
         roles.take("nu", next(iter(candidates), None), "shape")
         return
+    candidates.sort(key=lambda n: not _moves(roles, table, n))  # a supply is no command
     roles.take("nu", candidates[0], "name")
     others = [n for n in dict.fromkeys(candidates[1:]) if n != candidates[0]]
     if others:
         roles.doubts.append(
             f"nu could also be {', '.join(map(repr, others[:3]))}; {candidates[0]!r} is taken"
         )
+
+
+def _moves(roles: Roles, table: Mapping[str, Array], name: str) -> bool:
+    """Whether a column has to do with the motion: with position, velocity or acceleration."""
+    if "q" not in roles.columns:
+        return True
+    q = table[roles.columns["q"]]
+    dq = _slope(q)
+    columns = [q, dq, np.sign(dq), _slope(dq)]
+    columns += [table[roles.columns[s]] for s in ("q_ref", "dq", "dq_ref") if s in roles.columns]
+    X = np.column_stack([(c - c.mean()) / (np.std(c) or 1.0) for c in columns])
+    y = table[name] - table[name].mean()
+    left = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
+    return float(left @ left) < (1.0 - _MOVED) * float(y @ y)
 
 
 def _alike(table: Mapping[str, Array], one: str, two: str) -> bool:

@@ -24,7 +24,8 @@ KINDS = {
 _QUANTITIES: tuple[tuple[str, str], ...] = (
     ("other",
      "schlepp fehler error erro deviation ecart abweichung uchyb beschleun accel temperat "
-     "statusw controlw followingerr jerk ruck status | err lag diff acc ddq qdd mode state "
+     "statusw controlw followingerr jerk ruck status zwischenkreis dclink dcbus busvolt supply "
+     "versorgung | err lag diff acc ddq qdd mode state "
      "temp flag enable a"),
     ("velocity",
      "geschw drehzahl veloc speed vitesse omega vitess velo snelheid predkosc hastighet "

@@ -20,7 +20,6 @@ from ..pipeline import Pipeline
 from .controllers import Controller
 
 if TYPE_CHECKING:
-    from ..pipeline import Motion
     from ..record import Record
     from .closed_loop import ClosedLoop
     from .model import Theta
@@ -32,7 +31,7 @@ _SMOOTHED = 3.0  # cut-off of the smoothing, in natural frequencies of the pull
 _SMOOTHING_ORDER = 2  # the gain 1/(1 + (f/cutoff)^4) is Wiener's for these two errors
 
 
-def driven_by(command: Array, motion: Motion, record: Record) -> Record:
+def driven_by(command: Array, q: Array, record: Record) -> Record:
     """Return a record whose known input is a command, and whose reference the measured motion.
 
     Its velocity is a backward difference, as a digital controller forms its own, so that an
@@ -42,12 +41,11 @@ def driven_by(command: Array, motion: Motion, record: Record) -> Record:
     ----------
     command : (n_samples, 1) ndarray
         In units of the command, such as V.
-    motion : Motion
-        Band-passed position and its derivatives, (n_samples, 1) each.
+    q : (n_samples, 1) ndarray
+        The motion, m or rad: as measured, or band-passed.
     record : Record
         Gives the time.
     """
-    q = motion.q
     dq = np.diff(q, axis=0, prepend=2.0 * q[:1] - q[1:2]) / record.dt  # as a controller forms it
     for k in record.breaks:
         dq[k] = dq[k + 1]
@@ -91,7 +89,7 @@ def observed_velocity(
     >>> loop, twin = iv.axes.emps(), iv.datasets.twin()
     >>> loop = loop.with_terms("inertia", "asymmetric-friction")
     >>> motion = loop.pipeline(twin).differentiate(twin.q, twin.dt)
-    >>> v = observed_velocity(loop, driven_by(twin.nu, motion, twin), twin.theta_true, 2.5)
+    >>> v = observed_velocity(loop, driven_by(twin.nu, motion.q, twin), twin.theta_true, 2.5)
     >>> bool(abs(v - motion.dq).max() < 0.02 * abs(v).max())
     True
     """
