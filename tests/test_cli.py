@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from ivtools import axes, datasets
+from ivtools import __version__, axes, datasets
 from ivtools.cli import app, run
 from ivtools.estimators.base import METHODS
 
@@ -669,3 +669,10 @@ def test_any_json_as_parameters_is_an_error_of_the_input(tmp_path, content):
     except IVToolsError:
         return
     assert all(np.isfinite(value) for value in theta.values())
+
+
+def test_the_package_runs_as_a_module():
+    found = subprocess.run(
+        [sys.executable, "-m", "ivtools", "-V"], capture_output=True, text=True, check=True
+    )
+    assert found.stdout.strip().endswith(__version__)

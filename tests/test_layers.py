@@ -52,6 +52,7 @@ ORDER = [
     ("reproduce", "demo"),
     ("app",),
     ("cli",),
+    ("__main__",),
 ]
 RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}
 #: Methods that open a room to the right when they are called; nothing else may.

@@ -35,7 +35,7 @@ def shaken(twin, loop):
 
 def observed(loop, twin, simulation, pull_hz=6.0, **options):
     motion = iv.axes.emps().pipeline(twin).differentiate(simulation.q, twin.dt)
-    driven = driven_by(simulation.nu, motion, twin)
+    driven = driven_by(simulation.nu, motion.q, twin)
     return observed_velocity(loop, driven, twin.theta_true, pull_hz, initial="rest", **options)
 
 
@@ -92,7 +92,7 @@ def test_the_pull_scales_with_the_units(twin, loop, shaken):
     record = Record(twin.t, 1e3 * true.q, nu=true.nu)
     motion = loop.pipeline(twin).differentiate(record.q, twin.dt)
     found = observed_velocity(
-        metric, driven_by(record.nu, motion, record), theta, 6.0, initial=(0.0, 0.0)
+        metric, driven_by(record.nu, motion.q, record), theta, 6.0, initial=(0.0, 0.0)
     )
     start = observed(loop, twin, true)[0, 0]
     np.testing.assert_allclose(start, 0.0)
