@@ -274,3 +274,14 @@ def test_a_file_that_is_no_record_is_one_line(twin, tmp_path, capsys, change, sa
     status = run(["diagnose", str(file), "--axis", "emps"])
     out, err = capsys.readouterr()
     assert (status, out, err.count("\n")) == (2, "", 1) and said in err
+
+
+@pytest.mark.parametrize(("rest", "unit"), [(0.05, True), (0.3, False)])
+def test_a_share_of_the_law_beside_much_else_is_no_unit(twin, loop, rest, unit):
+    """Below an R2 of 0.98 what is beside the law is a remainder, and its factor says nothing."""
+    size = rest * float(np.std(twin.nu))
+    bent = twin.nu + size * np.sqrt(2.0) * np.sin(2.0 * np.pi * 3.1 * twin.t[:, None])
+    record = twin.replace(nu=1000.0 * bent)
+    wide = replace(loop, controller=replace(loop.controller, limit=np.inf))
+    told = preflight.inspect(record, wide, parity.check(record, wide))
+    assert any("as if nu were in mV" in f.text for f in told) == unit

@@ -185,6 +185,11 @@ def test_a_supply_is_no_command(tmp_path):
     found = first_axis(file)
     assert found.roles.columns["nu"] == "Current q (A)"
     assert found.loop.controller.kind == "pi-velocity"
+    settings = found.loop.controller.settings  # SI, from a log in rpm
+    assert settings["kv"] == pytest.approx(0.9, rel=1e-3)
+    assert settings["ki"] == pytest.approx(6.0, rel=1e-2)
+    assert found.record.dq_ref.max() == pytest.approx(80.0, rel=1e-3)
+    assert found.params["inertia"] == pytest.approx(4.2e-3 / 0.12, rel=0.05)
 
 
 @pytest.mark.filterwarnings("ignore::ivtools.errors.IVToolsWarning")
