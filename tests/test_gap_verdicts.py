@@ -9,7 +9,6 @@ from scipy import signal
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap import discrepancy
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
 from ivtools.gap.smooth import Basis
@@ -132,17 +131,6 @@ def test_hat_functions_add_up_to_one():
     assert np.allclose(basis.hats("q", run.q[:, 0]).sum(axis=1), 1.0)
     for name, columns in basis.parts(run).items():
         assert np.isfinite(basis.penalty(name, columns.shape[1])).all()
-
-
-def test_a_description_belongs_to_its_pair_of_fits(monkeypatch):
-    # one fold may be fitted once and judged with several others: with stretches left out, say
-    class Fold:
-        pass
-
-    one, two, other = Fold(), Fold(), Fold()
-    monkeypatch.setattr(discrepancy, "fitted", tuple)
-    assert discrepancy._described((one, two)) == (one, two)
-    assert discrepancy._described((one, other)) == (one, other)
 
 
 def test_standing_still_with_a_coarse_encoder_is_not_the_same_record():

@@ -123,8 +123,6 @@ STANDING = 1e-4
 NEAR_LIMIT = 0.05
 #: Whitened error of a simulation that diverged (numerics: larger than any real one).
 DIVERGED = 1e6
-#: Error over the largest recorded force from which a simulation has diverged (numerics).
-FAR_OFF = 1e6
 #: Share of a stroke or time as far as a law may be carried beyond it (training).
 BEYOND = 0.05
 #: Share of a record that must lie where the other one has been, or all of it counts (training).

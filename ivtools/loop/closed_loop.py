@@ -93,7 +93,7 @@ class ClosedLoop(Model):
             raise AxisError(f"joint is {self.joint!r}; it is 'prismatic' or 'revolute'")
         if not 1.0 / LARGEST <= abs(self.gain) <= LARGEST:
             raise AxisError(
-                f"drive gain is {self.gain}; it must not be 0, and between {1.0 / LARGEST:g} and "
+                f"drive gain is {self.gain}; it must be finite and not 0: {1.0 / LARGEST:g} to "
                 f"{LARGEST:g} in size"
             )
         if not 0.0 <= self.delay <= _LONGEST_DELAY:
