@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import pi, sqrt
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,16 +25,38 @@ SLOWLY = ("stribeck", "regularised-coulomb", "presliding", "sqrt-viscous", "back
 """Effects that show at low speed: a model with one of them keeps every row."""
 
 WIDEST = 0.08  # of the sampling rate: the bandwidth whose cut-off, five times it, is still a filter
-SLOW = 0.005  # of the highest speed: slower is a reversal or a standstill
-CERTAIN = 3.0  # standard deviations of the velocity's noise: faster has a direction
-SMEARED = 0.5  # periods of the cut-off: to either side, the low-pass smears a reversal so far
 ABOVE = 10.0  # times the power of the noise: a motion
 MOST = 0.95  # of the velocity's power that the band of a free motion holds
 LEAST = 0.2  # of the rows a mask must leave
 SEEN, ASKED = 0.6, 0.3  # of the square of the acceleration, measured or of the reference, as well
 
 
-def default_pipeline(loop: ClosedLoop, record: Record, rule: Rule, **settings: Any) -> Pipeline:
+class Mask(NamedTuple):
+    """Which rows are too slow to have a direction.
+
+    Attributes
+    ----------
+    slow : float
+        Of the highest speed: slower is a reversal or a standstill.
+    certain : float
+        Standard deviations of the velocity's noise: faster has a direction.
+    smeared : float
+        Periods of the cut-off: to either side, the low-pass smears a reversal so far.
+    """
+
+    slow: float
+    certain: float
+    smeared: float
+
+
+NARROW = Mask(0.005, 3.0, 0.5)
+WIDE = Mask(0.02, 6.0, 1.0)
+"""For robots, whose rows the measured velocity chooses to the end: noise has less of a say."""
+
+
+def default_pipeline(
+    loop: ClosedLoop, record: Record, rule: Rule, mask: Mask = NARROW, **settings: Any
+) -> Pipeline:
     """Return the pipeline of a record; see `ClosedLoop.pipeline`."""
     if rule not in get_args(Rule):
         raise AxisError(f"pipeline rule {rule!r} is unknown; use {' or '.join(get_args(Rule))}")
@@ -60,7 +82,8 @@ def default_pipeline(loop: ClosedLoop, record: Record, rule: Rule, **settings: A
     if "trim" not in settings:
         pipeline = replace(pipeline, trim=2 * pipeline.trim[:1])  # filters extrapolate at both ends
     slow = {term.name for term in loop.terms} & {*SLOWLY}
-    return pipeline if slow or {"min_speed", "guard"} & {*settings} else _masked(pipeline, record)
+    by_hand = {"min_speed", "guard"} & {*settings}
+    return pipeline if slow or by_hand else _masked(pipeline, record, mask)
 
 
 def motion_hz(record: Record) -> float:
@@ -78,7 +101,7 @@ def motion_hz(record: Record) -> float:
     return float(hz[np.searchsorted(speed.cumsum(), MOST * speed.sum())])
 
 
-def _masked(pipeline: Pipeline, record: Record) -> Pipeline:
+def _masked(pipeline: Pipeline, record: Record, mask: Mask) -> Pipeline:
     """Mask what is too slow to have a direction, as far as enough rows are left.
 
     Around a reversal dry friction changes its sign within a sample and the low-pass does not: it
@@ -87,12 +110,12 @@ def _masked(pipeline: Pipeline, record: Record) -> Pipeline:
     motion = pipeline.differentiate(record.q, record.dt)
     speed = np.abs(motion.dq[:, 0])
     noise = velocity_noise(pipeline, record, motion)
-    least = max(SLOW * float(speed.max()), CERTAIN * noise)
+    least = max(mask.slow * float(speed.max()), mask.certain * noise)
     cutoff = pipeline.cutoff_hz
-    smeared = SMEARED * record.sampling_hz / cutoff if cutoff else pipeline.decimation
+    smeared = mask.smeared * record.sampling_hz / cutoff if cutoff else pipeline.decimation
     guard = int(round(smeared))
     found = None  # the first that leaves enough rows
-    while least > 1e-3 * SLOW * speed.max():
+    while least > 1e-3 * mask.slow * speed.max():
         masked = replace(pipeline, min_speed=least, guard=guard)
         kept = masked.moving(len(speed), speed)
         if kept.mean() >= LEAST:

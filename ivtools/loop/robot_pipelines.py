@@ -13,6 +13,7 @@ from ..linalg import solve_iv
 from ..pipeline import Pipeline
 from ..pipelines import Pipelines
 from ..record import Record
+from .default_pipeline import WIDE, default_pipeline
 from .standing import at_rest
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _BAND = 3.0  # of a motion's own band, for a first guess
-SLOW = 0.02  # of the highest speed: slower is a reversal or a standstill
 _FASTEST = 0.1  # of the sampling rate: the highest cut-off of a filter
 _GUESSES: WeakKeyDictionary[Record, dict[int, Any]] = WeakKeyDictionary()
 
@@ -35,7 +35,8 @@ def robot_pipelines(loop: RobotLoop, record: Record, **settings: Any) -> Pipelin
         natural = axis.natural_frequency_hz(record.dt, axis.start["inertia"])
         if natural > _FASTEST * record.sampling_hz / 5.0:  # the inertia is hardly known
             own.setdefault("cutoff_hz", _FASTEST * record.sampling_hz)
-        found.append(axis.pipeline(record.joint(j), **own))
+        given = {"rule": "record", **axis.rows, **own}
+        found.append(default_pipeline(axis, record.joint(j), mask=WIDE, **given))
     common = {
         "decimation": min(p.decimation for p in found),
         "trim": tuple(max(p.trim[i] for p in found) for i in range(2)),
@@ -88,7 +89,7 @@ def band_pipelines(loop: RobotLoop, record: Record) -> Pipelines:
                 band / 5.0,
                 record.sampling_hz,
                 force_shift=shift,
-                min_speed=SLOW * float(speed),
+                min_speed=WIDE.slow * float(speed),
                 blank=True,
                 breaks=record.breaks,
             )
