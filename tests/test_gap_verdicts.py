@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import ivtools as iv
 from benchmarks import moves
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
-from ivtools.gap.smooth import Basis
+from ivtools.gap.smooth import Basis, Columns
 from ivtools.gap.verdict import lowers
 from ivtools.physics import Parameter, Term
 
@@ -131,6 +132,19 @@ def test_hat_functions_add_up_to_one():
     assert np.allclose(basis.hats("q", run.q[:, 0]).sum(axis=1), 1.0)
     for name, columns in basis.parts(run).items():
         assert np.isfinite(basis.penalty(name, columns.shape[1])).all()
+
+
+def test_columns_that_the_base_model_has_as_well_say_nothing():
+    rng = np.random.default_rng(0)
+    J, own = rng.normal(size=(500, 3)), rng.normal(size=(500, 4))
+    doubled = np.column_stack([J @ rng.normal(size=(3, 20)), np.zeros(500), own])
+    columns = Columns(SimpleNamespace(J=J), doubled)
+    Q = np.linalg.qr(J)[0]
+    x = rng.normal(size=(500, 2))
+    x -= Q @ (Q.T @ x)
+    whole = np.column_stack([J, own])
+    expected = x - whole @ np.linalg.lstsq(whole, x, rcond=None)[0]
+    np.testing.assert_allclose(columns.left(x), expected, atol=1e-12)
 
 
 def test_standing_still_with_a_coarse_encoder_is_not_the_same_record():

@@ -202,6 +202,9 @@ class Columns:
         first = shared.T @ shared if square is None else square
         whole = np.block([[first, mixed], [mixed.T, self.own.T @ self.own]])
         self.square = np.asarray(whole - self.known.T @ self.known)  # of what the base leaves
+        energy = np.diag(self.square)
+        told = energy > ALIKE * np.diag(whole)  # what the base has as well is rounding
+        self.size = np.sqrt(np.where(told, energy, np.inf))
 
     def side(self, x: Array) -> Array:
         """Return the products with signals that are beside the base model already, (m + k, ...)."""
@@ -216,7 +219,7 @@ class Columns:
     def left(self, x: Array, count: int | None = None) -> Array:
         """Return what the first columns leave of signals beside the base model, (n_kept, ...)."""
         rows = slice(count)
-        size = np.sqrt(np.maximum(np.diag(self.square)[rows], 1e-300))[:, None]
+        size = self.size[rows, None]
         A, b = self.square[rows, rows] / size / size.T, self.side(x)[rows] / size
         beta = np.zeros((len(self.square), x.shape[1]))
         if np.isfinite(A).all() and np.isfinite(b).all():  # else of a loop that diverged
@@ -292,10 +295,7 @@ def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Arra
     """
     left: list[list[Array]] = [[], []]
     for f, period in zip(fits, periods, strict=True):
-        run = f.fold.simulate(f.loop, f.values)
-        q, dq = run.q[:, 0], run.dq[:, 0]
-        waves = np.exp(2j * np.pi * q / period)[:, None].view(float)
-        forces = np.hstack([waves * w[:, None] for w in (np.sign(dq), dq / np.max(np.abs(dq)))])
+        forces = Basis({}, (period,)).waves(f.fold.simulate(f.loop, f.values))
         columns, e = beside(f, f.fold.answers(forces)), beside(f, f.e[:, None])[:, 0]
         for found, part in zip(left, (columns[:, :2], columns[:, 2:]), strict=True):
             unit = part / np.maximum(np.linalg.norm(part, axis=0), 1e-300)
