@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import os
 import sys
@@ -10,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from threading import Thread
 from time import perf_counter, sleep
@@ -31,6 +32,7 @@ Result = TypeVar("Result")
 Lost = Callable[..., Any]
 
 _MOST = 1000  # workers
+_M_ARENA_MAX = -8  # glibc's malloc.h
 TIMEOUT_S = 20.0  # for a Dask scheduler to answer
 
 
@@ -198,7 +200,19 @@ def _numbered(
 ) -> tuple[int, Any]:
     if os.getppid() == leader:
         _follow(leader)
+        _share_memory()
     return number, work(*task)
+
+
+@cache
+def _share_memory() -> None:
+    """Let this worker's threads share one heap.
+
+    glibc gives each thread heaps of its own and keeps what was freed there: a worker of a fleet
+    grew from 280 to 580 MB in ten records, of which it held 75. Elsewhere nothing is done.
+    """
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL("libc.so.6").mallopt(_M_ARENA_MAX, 1)
 
 
 @cache
