@@ -192,6 +192,15 @@ class Record:
         """The longest stretch."""
         return max(self.parts, key=lambda part: part.n_samples)
 
+    def liveliest(self, n: int) -> Record:
+        """Return the n samples in which the position changes most; a shorter record as it is."""
+        if n >= self.n_samples:
+            return self
+        moved = np.sum(np.diff(self.q, axis=0, prepend=self.q[:1]) ** 2, axis=1)
+        total = np.concatenate([[0.0], np.cumsum(moved)])
+        first = int(np.argmax(total[n:] - total[:-n]))
+        return self.slice(first, first + n)
+
     @property
     def signals(self) -> dict[str, NDArray[np.float64]]:
         """The signals that were logged: name to array of shape (n, n_joints)."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _SHORT, _POOR_R2, _STILL, _LINES = 5.0, 0.98, 0.01, 20
 _CONDITION = 300.0
+_MOST = 500_000  # samples in which the law is compared with the command
 _PERIODS = 20  # of the loop's mode that a record should last
 
 
@@ -130,13 +131,15 @@ def _law(
         rows.append(("control law", "none", "the command is taken as it is"))
         return None
     try:
-        parity = check_parity(record.longest, loop.known(record))
+        shown = record.longest.liveliest(_MOST)
+        parity = check_parity(shown, loop.known(record))
     except IVToolsError as error:
         advice.append(f"the control law cannot be compared: {error}")
         return None
     r2 = 1.0 - parity.before**2
     kind = parity.declared.kind if parity.declared else loop.known(record).controller.kind
-    rows.append(("parity R2", f"{r2:.4f}", f"of the law in the axis file ({kind})"))
+    where = f", where it moves most ({_MOST} samples)" if shown.n_samples == _MOST else ""
+    rows.append(("parity R2", f"{r2:.4f}", f"of the law in the axis file ({kind}){where}"))
     if parity.after < parity.before - 1e-3:
         rows.append(("", f"{1.0 - parity.after**2:.4f}", "as the record has it"))
     rows.append(("at limit", f"{100 * parity.clipped:.1f} %", "of the samples"))

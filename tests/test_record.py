@@ -70,6 +70,16 @@ def test_slices_keep_time_and_rules(table):
         record.slice(0, 50)
 
 
+def test_the_liveliest_part_is_the_one_that_moves():
+    t = np.arange(2000) * 1e-3
+    q = np.interp(t, [1.2, 1.4], [0.0, 0.1])
+    record = Record.from_dict({"t": t, "q": q, "nu": np.cos(t)})
+    part = record.liveliest(300)
+    assert part.n_samples == 300
+    assert part.t[0] <= 1.2 and part.t[-1] >= 1.399
+    assert record.liveliest(2000) is record
+
+
 def test_replace_validates_and_notes_are_those_of_the_new_record(table):
     t = np.arange(300) * 1e-3
     t[1::2] += 4e-6

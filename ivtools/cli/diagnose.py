@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,14 +10,13 @@ import typer
 
 from ivtools.cli import options
 from ivtools.cli.output import follow, progress, show, stoppable, write_json, write_page
-from ivtools.errors import DataError, IVToolsWarning
+from ivtools.errors import DataError
 
 if TYPE_CHECKING:
     from ivtools.gap import Fleet
     from ivtools.loop import ClosedLoop
     from ivtools.record import Record
 
-LONG, SECONDS = 500_000, 2.5e-4  # samples; s of a core for each, guessed on the safe side
 FOLDERS = (".csv", ".csv.gz", ".parquet", ".mat")  # of the records of a folder; text may be more
 
 
@@ -148,14 +146,6 @@ def _one(
         None if file is None else _log(file, data, loop) for file in (holdout, *simulated)
     )
     third = None if judge is None else _log(judge, data, loop)
-    if measured.n_samples > LONG:
-        warnings.warn(
-            f"{measured.name} has {measured.n_samples} samples: its diagnosis takes about "
-            f"{measured.n_samples * SECONDS / 60:.0f} minutes; a part of it with all motions "
-            "tells the same sooner",
-            IVToolsWarning,
-            stacklevel=2,
-        )
     with progress("diagnosing", 4) as advance:
         gap = find_gap(
             measured,

@@ -35,6 +35,7 @@ from .rules import (
     BEYOND,
     COMMON,
     DESCRIBED,
+    MOST_SAMPLES,
     OVER_FLOOR,
     PARITY_POOR,
     REPEATS,
@@ -186,21 +187,33 @@ def _followed(task: _Task) -> tuple[_Task, ClosedLoop, list[preflight.Finding]]:
     return task, known, note
 
 
-def _unbroken(task: _Task) -> tuple[_Task, list[preflight.Finding]]:
-    """Return the task with the longest stretch of each record, and what to say of that."""
-    given = {name: getattr(task, name) for name in ("record", "holdout", "judge")}
-    broken = {name: one for name, one in given.items() if one is not None and one.breaks}
-    text = "{0.name} has {1} stretches: the longest, {0.longest.n_samples} samples, is diagnosed"
-    told = [text.format(one, len(one.parts)) for one in broken.values()]
-    whole = task._replace(**{name: one.longest for name, one in broken.items()})
-    return whole, [preflight.Finding(line, fatal=False) for line in told]
+def _bounded(task: _Task) -> tuple[_Task, list[preflight.Finding]]:
+    """Return the task with one stretch of each record, not too long, and what to say of that."""
+    told = []
+    for name in ("record", "holdout", "judge"):
+        one = getattr(task, name)
+        if one is None:
+            continue
+        if one.breaks:
+            told.append(
+                f"{one.name} has {len(one.parts)} stretches: the longest, "
+                f"{one.longest.n_samples} samples, is diagnosed"
+            )
+        part = one.longest.liveliest(MOST_SAMPLES)
+        if part.n_samples < one.longest.n_samples:
+            told.append(
+                f"{one.name} has {one.longest.n_samples} samples: the {part.n_samples} in which "
+                f"it moves most, from {part.t[0]:.6g} to {part.t[-1]:.6g} s, are diagnosed"
+            )
+        task = task._replace(**{name: part})
+    return task, [preflight.Finding(line, fatal=False) for line in told]
 
 
 def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
     for one in (r for r in (task.record, task.holdout, task.judge) if r is not None):
         preflight.require(one)
     say("controller parity")
-    task, parts = _unbroken(task)
+    task, parts = _bounded(task)
     if preflight.lawless(task.record, task.loop):
         text = "no reference is in the record, so no control law can be read from it; for the "
         remedy = 'force over the motion alone write [controller] kind = "none"'

@@ -32,7 +32,6 @@ from .rules import (
     LAW_BETTER,
     LAW_ERROR,
     LAW_R2,
-    LAW_SAMPLES,
     LIMIT_SAMPLES,
     MAX_DELAY,
     NOISY_GAIN,
@@ -144,10 +143,8 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
 
 def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> Parity:
     """Return the parity with the law that the record shows, if that explains more."""
-    first = max(record.n_samples - LAW_SAMPLES, 0) // 2
-    middle = record.slice(first, first + LAW_SAMPLES) if first else record
     try:
-        fit = loop.identify_controller(middle)[1]
+        fit = loop.identify_controller(record)[1]
     except IVToolsError:
         return found
     limit = loop.controller.limit if found.limit is None else found.limit

@@ -12,6 +12,11 @@ from dataclasses import dataclass
 
 from ..physics import Term
 
+# --- what of a record is diagnosed --------------------------------------------------------------
+
+#: Samples of a record that are diagnosed, where it moves most (numerics: minutes, and 2 GB).
+MOST_SAMPLES = 500_000
+
 # --- parity: does the command follow from the measured position? ------------------------------
 
 #: Samples from the position to the command that are tried (physics: bus and cycle times).
@@ -41,9 +46,6 @@ LAW_ERROR = 0.2
 #: Relative parity error from which the record is asked for its own law (physics: a digital law
 #: repeats to rounding, and to 0.3 % where log and controller sample apart).
 PARITY_POOR = 0.02
-#: Samples from which that law is read, the middle ones of a longer record; it is judged on all
-#: (judgement: minutes of motion show a law, and the search takes seconds of them).
-LAW_SAMPLES = 200_000
 #: Power that the record's own law may leave, of that of the declared one (judgement, not trained).
 LAW_BETTER = 0.5
 #: R2 below which no law is taken (it explains the command, or nothing is said).
