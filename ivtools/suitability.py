@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _SHORT, _POOR_R2, _STILL, _LINES = 5.0, 0.98, 0.01, 20
 _CONDITION = 300.0
-_MOST = 500_000  # samples in which the law is compared with the command
+_MOST = 500_000  # samples that law and rows are shown of
 _PERIODS = 20  # of the loop's mode that a record should last
 
 
@@ -138,7 +138,7 @@ def _law(
         return None
     r2 = 1.0 - parity.before**2
     kind = parity.declared.kind if parity.declared else loop.known(record).controller.kind
-    where = f", where it moves most ({_MOST} samples)" if shown.n_samples == _MOST else ""
+    where = _where(shown, record.longest)
     rows.append(("parity R2", f"{r2:.4f}", f"of the law in the axis file ({kind}){where}"))
     if parity.after < parity.before - 1e-3:
         rows.append(("", f"{1.0 - parity.after**2:.4f}", "as the record has it"))
@@ -152,12 +152,18 @@ def _law(
     return parity
 
 
+def _where(shown: Record, record: Record) -> str:
+    """Return which part of a record a row is of, unless it is of all."""
+    return "" if shown is record else f", where it moves most, {shown.n_samples} samples"
+
+
 def _excited(
     record: Record, loop: ClosedLoop, rows: list[tuple[str, str, str]], advice: list[str]
 ) -> None:
     """Say how well the parameters can be told apart, and whether the record is long enough."""
     try:
-        problem = Problem(record, loop)
+        shown = record.liveliest(_MOST)
+        problem = Problem(shown, loop)
         X = problem.X / np.linalg.norm(problem.X, axis=0)
         condition = float(np.linalg.cond(X))
     except (IVToolsError, np.linalg.LinAlgError) as error:
@@ -165,7 +171,8 @@ def _excited(
         return
     cutoff = problem.pipeline.cutoff_hz
     filtered = f"low-pass at {cutoff:g} Hz" if cutoff else "no low-pass"
-    rows.append(("rows", f"{len(problem.y)}", f"{filtered}, every {problem.pipeline.decimation}"))
+    every = f"every {problem.pipeline.decimation}{_where(shown, record)}"
+    rows.append(("rows", f"{len(problem.y)}", f"{filtered}, {every}"))
     rows.append(("condition", f"{condition:.3g}", f"of {', '.join(problem.names)}"))
     if not condition < _CONDITION:
         advice.append(

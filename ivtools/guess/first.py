@@ -38,6 +38,7 @@ _NOTHING = (
     "the inertia comes out negative: the motion tells too little of it, or the force is another"
 )
 _OPPOSITE = "the command has the opposite sign of the motion: [drive] gain is negative"
+_MOST = 1_000_000  # samples from which rough parameters are estimated
 _GOOD = 0.98  # R2 of a law that is taken for the controller's
 _MEANS = {
     "t": "time", "q": "position", "q_ref": "position reference", "dq": "velocity",
@@ -175,6 +176,7 @@ def first_axis(
         else:
             roles, scales = _stated(said, roles, joint, gain)
         _needed(roles, list(columns))
+        del columns  # of a long log as large as the record
     except IVToolsError as error:
         raise type(error)(f"{path}: {error}") from error
     with warnings.catch_warnings():
@@ -252,6 +254,7 @@ def _rough(
     from ..estimators.least_squares import IDIMLS
     from ..problem import Problem
 
+    record = record.liveliest(_MOST)
     try:
         fit = IDIMLS().fit(Problem(record, loop))
         if loop.joint == "revolute":
@@ -286,8 +289,8 @@ def _repeats(table: Mapping[str, Array], roles: Roles) -> bool:
     """Whether rows are said twice, with the stamp of the row before."""
     if "t" not in roles.columns:
         return False
-    own = np.column_stack([table[column] for column in roles.columns.values()])
-    return bool((np.diff(own, axis=0) == 0.0).all(axis=1).any())
+    same = [np.diff(table[column]) == 0.0 for column in roles.columns.values()]
+    return bool(np.logical_and.reduce(same).any())
 
 
 def _format(roles: Roles, scales: Scales) -> RecordFormat:
