@@ -8,6 +8,7 @@ import gzip
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import IO
 
@@ -176,19 +177,29 @@ def _without_preamble(lines: list[tuple[int, str]]) -> tuple[list[tuple[int, str
     separator = next((mark for mark in ";\t|" if mark in last[-1]), None) or _separator(last[-1])
     width = max(len(_fields(line, separator)) for line in last)
     shapes = [_fields(line, separator) for _, line in lines[: 4 * LOOK_AT]]
-    rows = [_is_row(fields, width) for fields in shapes]
+    words = [bool(f) and not NUMBER.fullmatch(f) for f in _fields(last[-1], separator)]
+    rows = [_is_row(fields, width, words) for fields in shapes]
     first = next((k for k in range(len(rows) - 2) if all(rows[k : k + 3])), 0)
     if width < 2 or first < 2 or len(shapes[0]) in (width, width - 1):
         return lines, 0
-    has_units = len(shapes[first - 2]) == width and _are_units(shapes[first - 1])
+    has_units = len(shapes[first - 2]) in (width, width - 1) and _are_units(shapes[first - 1])
     header = first - 2 if has_units else first - 1
     return lines[header:], header
 
 
-def _is_row(fields: list[str], width: int) -> bool:
-    """Whether fields are a row of data: as wide, and mostly numbers."""
-    numbers = sum(NUMBER.fullmatch(field) is not None for field in fields)
-    return len(fields) in (width, width - 1) and 2 * numbers > len(fields)
+def _is_row(fields: list[str], width: int, words: list[bool]) -> bool:
+    """Whether fields are a row of data: as wide, and mostly numbers, or nothing beside a stamp.
+
+    `words` says in which columns the data have words, as days and hours are.
+    """
+    if len(fields) not in (width, width - 1):
+        return False
+    numbers = [NUMBER.fullmatch(field) is not None for field in fields]
+    bare = all(
+        number or word or field.lower() in EMPTY
+        for number, word, field in zip_longest(numbers, words[: len(fields)], fields)
+    )
+    return 2 * sum(numbers) > len(fields) or (bare and (any(numbers) or fields[0][:1].isdigit()))
 
 
 def _are_units(fields: list[str]) -> bool:
@@ -220,7 +231,7 @@ def _separator(header: str) -> str:
 
 def _fields(line: str, separator: str) -> list[str]:
     if separator == r"\s+":
-        return line.split()
+        return [field.strip('"') for field in line.split()]
     try:
         fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
     except csv.Error:

@@ -124,7 +124,9 @@ class RecordFormat:
         if unit.si == "%":
             return unit.factor * self._scale("rated", column, text, "what 100 % is, in SI")
         if unit.si.split("/")[0] == "counts":
-            return unit.factor / self._scale("counts_per_unit", column, text, "counts per m or rad")
+            return unit.factor / self._scale(
+                "counts_per_unit", column, text, "counts per m, rad or s"
+            )
         if unit.si == "A" and signal in ("tau", "load"):
             if self.torque_constant is None:
                 raise RecordError(

@@ -332,7 +332,7 @@ def _commented(line: str, loop: ClosedLoop) -> str:
         "columns": "ours = theirs",
         "units": "of the file; what is not here is in SI",
         "rated": "what 100 % is",
-        "counts_per_unit": f"per {length}",
+        "counts_per_unit": "t: per s" if "t =" in line else f"per {length}",
         "rate": "Hz; stamps that jitter around it are replaced",
         "gaps": "samples are missing: the longest stretch without a gap is used",
         "rows": "without rows said twice, spoilt, or of zeros at the end",

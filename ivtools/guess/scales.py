@@ -143,16 +143,19 @@ def _clock(
     step = float(np.median(np.diff(t))) or float(np.ptp(t) / (len(t) - 1))
     if "t" not in scales.units:
         fits = [u for u in ("s", "ms", "us", "ns") if _plausible(step * parse(u).factor, told)]
-        counter = step == 1.0 and bool((np.diff(t) == 1.0).all())
-        if counter and told:
+        if told and step == 1.0 and (np.diff(t) == 1.0).all():
             scales.rate = told
             del roles.columns["t"]
             return 1.0 / told
-        unit = fits[0] if fits else "s"
-        scales.set("t", unit, "from the others" if len(fits) == 1 else "a guess")
-        if len(fits) > 1 and not told:
-            scales.doubts.append(f"t could be in {' or '.join(fits)}; {unit} is taken")
-    factor = parse(scales.units["t"]).factor
+        if told and not fits and step == 1.0 and (t == np.round(t)).all():  # rows are missing
+            scales.set("t", "counts", "from the others")
+            scales.counts["t"] = told
+        else:
+            unit = fits[0] if fits else "s"
+            scales.set("t", unit, "from the others" if len(fits) == 1 else "a guess")
+            if len(fits) > 1 and not told:
+                scales.doubts.append(f"t could be in {' or '.join(fits)}; {unit} is taken")
+    factor = parse(scales.units["t"]).factor / scales.counts.get("t", 1.0)
     clock = Clock.of(t * factor)
     scales.gaps = len(clock.missing) > 0
     late = float(np.max(np.abs(np.diff(t * factor) * clock.rate - 1.0)))
