@@ -48,7 +48,7 @@ ORDER = [
     ("suitability",),
     ("plots",),
     ("report",),
-    ("pages",),
+    ("pages", "log_page"),
     ("reproduce", "demo"),
     ("app",),
     ("cli",),

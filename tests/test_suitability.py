@@ -31,12 +31,13 @@ def test_what_is_wrong_is_said(twin):
     assert any("the law explains" in text for text in off.advice)
 
 
-def test_check_writes_a_figure_and_json(tmp_path, capsys):
+def test_check_writes_a_page_a_figure_and_json(tmp_path, capsys):
     file = tmp_path / "c.json"
     assert run(["check", "twin", "--out", str(tmp_path), "--json", str(file)]) == 0
     assert "it suffices" in capsys.readouterr().out
     assert json.loads(file.read_text())["sufficient"]
     assert (tmp_path / "record.svg").read_text().count("<svg") == 1
+    assert "The log suffices." in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from ..estimators.base import estimator_class
 from ..files import write
 from ..gap import diagnose as find_gap
 from ..guess import first_axis
+from ..log_page import log_page
 from ..loop import ClosedLoop
 from ..pages import comparison_page
 from ..problem import Problem
@@ -24,8 +25,8 @@ from ..record import Record
 from ..record_format import RecordFormat
 from ..registry import REGISTRY
 from ..report import Page
+from ..suitability import suitability
 from . import charts, form
-from .log_page import log_page
 
 Say = Callable[[str], None]
 
@@ -112,7 +113,8 @@ def look(order: Order, say: Say) -> dict[str, Any]:
     say("drawing")
     record = found.record.replace(name=order.name.split(".")[0] or found.record.name)
     loop = replace(found.loop, name=record.name)
-    _keep(log_page(record, loop, found.fit, found.doubts), order, found.to_dict())
+    page = log_page(suitability(record, loop), found.fit, found.doubts)
+    _keep(page, order, found.to_dict())
     return {"usable": True}
 
 
@@ -133,7 +135,7 @@ def _stated(order: Order, say: Say) -> dict[str, Any]:
         loop, fit = loop.identify_controller(record)
     write(order.folder / ABOUT, json.dumps({**form.of_loop(order.log, loop), "law": "stated"}))
     say("drawing")
-    _keep(log_page(record, loop, fit), order, tomllib.loads(text))
+    _keep(log_page(suitability(record, loop), fit), order, tomllib.loads(text))
     return {"usable": True}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ivtools.cli import options
-from ivtools.cli.output import show, write_json
+from ivtools.cli.output import show, write_json, write_page
 
 
 def check(
@@ -23,8 +23,11 @@ def check(
     texts: list[object] = [found.summary()]
     if out is not None:
         from ivtools.files import write
+        from ivtools.log_page import log_page
         from ivtools.plots.style import encode
 
-        texts.append(f"figure: {write(out / 'record.svg', encode(found.plot()))}")
+        write(out / "record.svg", encode(found.plot()))
+
+        texts.append(f"report: {write_page(log_page(found), out)}")
     write_json(found.to_dict(), json)
     show(*texts, json_file=json)

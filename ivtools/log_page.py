@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..errors import IVToolsError
-from ..plots.parity import parity_chart
-from ..plots.record import record_chart
-from ..report import Card, Page
-from ..suitability import Suitability, suitability
-from ..tables import Text, table
-from ..units import quantity
+from .errors import IVToolsError
+from .plots.parity import parity_chart
+from .plots.record import record_chart
+from .report import Card, Page
+from .suitability import Suitability
+from .tables import Text, table
+from .units import quantity
 
 if TYPE_CHECKING:
-    from ..loop import ClosedLoop
-    from ..loop.identification import ControllerFit
-    from ..record import Record
+    from .loop import ClosedLoop
+    from .loop.identification import ControllerFit
 
 _SIGNALS = "What was logged, in SI units; a velocity that was not is the difference of positions."
 _PARITY = (
@@ -27,21 +26,20 @@ _PARITY = (
 
 
 def log_page(
-    record: Record, loop: ClosedLoop, fit: ControllerFit | None, doubts: Sequence[str] = ()
+    found: Suitability, fit: ControllerFit | None = None, doubts: Sequence[str] = ()
 ) -> Page:
     """Return the page of a log.
 
     Parameters
     ----------
-    record : Record
-    loop : ClosedLoop
-        Its controller is a law, or "none".
-    fit : ControllerFit or None
+    found : Suitability
+        Of the record and its loop, whose controller is a law, or "none".
+    fit : ControllerFit, optional
         How the law was read from the record, if it was.
     doubts : sequence of str
         What the first look was not sure of.
     """
-    found = suitability(record, loop)
+    record, loop = found.record, found.loop
     out = Page(f"The log {record.name}", repr(record), _card(found, loop, doubts))
     chart = record_chart(record, loop.joint, caption=_SIGNALS)
     out.add("Signals", *record.notes, tables=[found.summary()], figures=[chart])
