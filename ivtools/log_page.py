@@ -10,7 +10,7 @@ from .plots.parity import parity_chart
 from .plots.record import record_chart
 from .report import Card, Page
 from .suitability import Suitability
-from .tables import Text, table
+from .tables import Text, sentence, table
 from .units import quantity
 
 if TYPE_CHECKING:
@@ -85,9 +85,5 @@ def _card(found: Suitability, loop: ClosedLoop, doubts: Sequence[str]) -> Card:
     if found.sufficient and not remarks:
         return Card("The log suffices.", tuple(facts), label="The log in short")
     verdict = "The log suffices; check this." if found.sufficient else "Look at this first."
-    lines = tuple(map(_sentence, remarks))
+    lines = tuple(map(sentence, remarks))
     return Card(verdict, tuple(facts), lines, "doubt", "The log in short")
-
-
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."

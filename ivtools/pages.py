@@ -17,7 +17,7 @@ from ivtools.plots.parameters import shown_name
 from ivtools.plots.style import readable
 from ivtools.recommendation import listed
 from ivtools.report import Card, Page, Picture
-from ivtools.tables import Text, table
+from ivtools.tables import Text, sentence, table
 
 if TYPE_CHECKING:
     from ivtools.estimators.drive_gain_results import DriveGain
@@ -43,7 +43,7 @@ def fit_page(fit: FitResults, gain: DriveGain | None = None) -> Page:
         f"Parameters of {problem.loop.name} identified from {problem.record!r}.",
         fit_card(fit),
     )
-    out.add("Estimates", *map(_sentence, problem.record.notes),
+    out.add("Estimates", *map(sentence, problem.record.notes),
             tables=[fit.summary()], figures=_forces(fit))  # fmt: skip
     if gain is not None:
         caption = "The drive gain, with its 95 % interval."
@@ -295,7 +295,3 @@ def simulation_card(record: Record, simulation: Simulation) -> Card:
     if close:
         return Card(verdict, facts, _NEXT)
     return Card(verdict, facts, _NEXT, "doubt")
-
-
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."

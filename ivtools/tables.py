@@ -134,6 +134,19 @@ def rounded(value: float, std: float, digits: int = 4) -> tuple[str, str]:
     return f"{value:.{more + digits - 1}e}", f"{std:.{digits - 1}e}"
 
 
+def sentence(text: str) -> str:
+    """Return a line as a sentence; a signal's or a record's name keeps its case.
+
+    Examples
+    --------
+    >>> sentence("rows are few"), sentence("t jitters"), sentence("axis-1: the command clips.")
+    ('Rows are few.', 't jitters.', 'axis-1: the command clips.')
+    """
+    first = text.split(" ")[0]
+    name = first.endswith(":") or (len(first) == 1 and first != "a")
+    return f"{text[:1] if name else text[:1].upper()}{text[1:].rstrip('.')}."
+
+
 def dashed(value: float, form: str) -> str:
     """Write a number, or a dash in the place of one that is not known.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
-from ..tables import Text, table
+from ..tables import Text, sentence, table
 from ..units import quantity
 from .against import changes_table
 from .verdict import VERDICTS
@@ -54,7 +54,7 @@ def page(diagnosis: Diagnosis) -> Page:
     from ..report import Page, Picture
 
     out = Page(f"Diagnosis of {diagnosis.name}", _lead(diagnosis), _card(diagnosis))
-    told = [_sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
+    told = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
     shown = [named_table(diagnosis)] if diagnosis.replicas else []
     if diagnosis.changes:
         shown.append(changes_table(diagnosis.changes))
@@ -95,7 +95,7 @@ def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
     from ..plots import gap as figures
 
     verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
-    told = [_sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
+    told = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
     tables = [named_table(diagnosis)] if diagnosis.replicas else []
     charts, folded = [], []
     if diagnosis.traces is not None and diagnosis.shrink is not None:
@@ -105,7 +105,7 @@ def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
             tables.append(ranking_table(diagnosis))
         about = _RECORD if diagnosis.effects else _RECORD_ALONE
         charts.append(figures.over_time(diagnosis, figure, about))
-    remarks = map(_sentence, diagnosis.advice)
+    remarks = map(sentence, diagnosis.advice)
     out.add(
         title,
         verdict,
@@ -130,7 +130,7 @@ def _lead(diagnosis: Diagnosis) -> str:
 def _remarks(diagnosis: Diagnosis) -> list[str]:
     """Return what to know or to do, the most important first."""
     found = sorted(diagnosis.findings, key=lambda f: not f.fatal)
-    return [_sentence(text) for text in (*(f.text for f in found), *diagnosis.advice)]
+    return [sentence(text) for text in (*(f.text for f in found), *diagnosis.advice)]
 
 
 def _more(diagnosis: Diagnosis) -> list[str]:
@@ -300,9 +300,3 @@ def _signals(diagnosis: Diagnosis) -> Text:
     if not diagnosis.effects:
         rows, header = [row[:2] for row in rows], ["signal", "error"]
     return table("Simulated against measured, rms", [], header, rows)
-
-
-def _sentence(text: str) -> str:
-    """Return a line as a sentence; the name of a record keeps its case."""
-    name = text.split(" ")[0].endswith(":")
-    return f"{text[:1] if name else text[:1].upper()}{text[1:].rstrip('.')}."
