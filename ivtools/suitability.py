@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _SHORT, _POOR_R2, _STILL, _LINES = 5.0, 0.98, 0.01, 20
 _CONDITION = 300.0
-_MOST = 500_000  # samples that law and rows are shown of
+_MOST = 100_000  # samples that law and rows are shown of
 _PERIODS = 20  # of the loop's mode that a record should last
 
 

@@ -1,6 +1,5 @@
 """A record with missing samples: its stretches are one record, and nothing crosses a break."""
 
-import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -93,9 +92,8 @@ def test_a_diagnosis_says_that_it_takes_the_longest(twin):
     assert any("3 stretches: the longest" in f.text for f in found.findings)
 
 
-def test_of_a_long_record_a_stated_part_is_diagnosed(twin, monkeypatch):
-    monkeypatch.setattr(importlib.import_module("ivtools.gap.diagnose"), "MOST_SAMPLES", 4000)
-    found = iv.diagnose(twin, iv.axes.emps())
+def test_of_a_long_record_a_stated_part_is_diagnosed(twin):
+    found = iv.diagnose(twin, iv.axes.emps(), rules=iv.gap.Rules(samples=4000))
     assert any("the 4000 in which it moves most" in f.text for f in found.findings)
 
 

@@ -35,7 +35,6 @@ from .rules import (
     BEYOND,
     COMMON,
     DESCRIBED,
-    MOST_SAMPLES,
     OVER_FLOOR,
     PARITY_POOR,
     REPEATS,
@@ -187,7 +186,7 @@ def _followed(task: _Task) -> tuple[_Task, ClosedLoop, list[preflight.Finding]]:
     return task, known, note
 
 
-def _bounded(task: _Task) -> tuple[_Task, list[preflight.Finding]]:
+def _bounded(task: _Task, samples: int) -> tuple[_Task, list[preflight.Finding]]:
     """Return the task with one stretch of each record, not too long, and what to say of that."""
     told = []
     for name in ("record", "holdout", "judge"):
@@ -199,7 +198,7 @@ def _bounded(task: _Task) -> tuple[_Task, list[preflight.Finding]]:
                 f"{one.name} has {len(one.parts)} stretches: the longest, "
                 f"{one.longest.n_samples} samples, is diagnosed"
             )
-        part = one.longest.liveliest(MOST_SAMPLES)
+        part = one.longest.liveliest(samples)
         if part.n_samples < one.longest.n_samples:
             told.append(
                 f"{one.name} has {one.longest.n_samples} samples: the {part.n_samples} in which "
@@ -213,7 +212,7 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
     for one in (r for r in (task.record, task.holdout, task.judge) if r is not None):
         preflight.require(one)
     say("controller parity")
-    task, parts = _bounded(task)
+    task, parts = _bounded(task, rules.samples)
     if preflight.lawless(task.record, task.loop):
         text = "no reference is in the record, so no control law can be read from it; for the "
         remedy = 'force over the motion alone write [controller] kind = "none"'

@@ -12,11 +12,6 @@ from dataclasses import dataclass
 
 from ..physics import Term
 
-# --- what of a record is diagnosed --------------------------------------------------------------
-
-#: Samples of a record that are diagnosed, where it moves most (numerics: minutes, and 2 GB).
-MOST_SAMPLES = 500_000
-
 # --- parity: does the command follow from the measured position? ------------------------------
 
 #: Samples from the position to the command that are tried (physics: bus and cycle times).
@@ -433,6 +428,9 @@ class Rules:
         Least share of the whole gap that an effect similar to a named one removes.
     search_left : float
         Least share of what is left that makes another search for valleys worth while.
+    samples : int
+        Of each record that are diagnosed at most, where it moves most (numerics: 100,000 take half
+        a minute and 2 GB).
     """
 
     everywhere: Threshold = Threshold(0.035, 5.0, 1.67, 0.15)
@@ -450,6 +448,7 @@ class Rules:
     similar: float = 0.5
     beside_similar: float = 0.05
     search_left: float = 0.5
+    samples: int = 100_000
 
     def threshold(self, term: Term) -> Threshold:
         """Return what this effect must reach."""
