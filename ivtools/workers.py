@@ -200,16 +200,16 @@ def _numbered(
 ) -> tuple[int, Any]:
     if os.getppid() == leader:
         _follow(leader)
-        _share_memory()
     return number, work(*task)
 
 
 @cache
-def _share_memory() -> None:
-    """Let this worker's threads share one heap.
+def share_heap() -> None:
+    """Let the threads of this process share one heap.
 
-    glibc gives each thread heaps of its own and keeps what was freed there: a worker of a fleet
-    grew from 280 to 580 MB in ten records, of which it held 75. Elsewhere nothing is done.
+    glibc gives each thread heaps of its own and keeps what was freed there: where diagnoses follow
+    each other, a process grew from 280 to 580 MB in ten of them, of which it held 75. Elsewhere
+    nothing is done.
     """
     with suppress(OSError, AttributeError):
         ctypes.CDLL("libc.so.6").mallopt(_M_ARENA_MAX, 1)

@@ -18,6 +18,7 @@ from ..loop.rough_inertia import rough_inertia
 from ..physics import Term
 from ..record import Record
 from ..simulators.protocol import Simulator
+from ..workers import share_heap
 from . import advice, discrepancy, floor, locate, parity, preflight, quantify, response, verdict
 from .against import against
 from .attribute import Attribution, attribute, cost, probability
@@ -157,6 +158,7 @@ def _one_blas_thread() -> Iterator[None]:
     For many small products, threads of its own only wait, and sums in another order round
     otherwise. The limit is the process's: the first diagnosis sets it, and the last one lifts it.
     """
+    share_heap()
     with _CALM:
         if _DEPTH[0] == 0:
             _RUNNING.enter_context(threadpool_limits(1, "blas"))
