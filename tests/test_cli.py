@@ -265,6 +265,8 @@ def test_effects_axis_and_data_tell_what_there_is(command):
     assert {"block", "equation", "parameters", "source"} == set(json.loads(out)["stribeck"])
     assert command("axis", "emps")[1].strip() == AXIS.strip()
     assert json.loads(command("axis", "emps", "--json", "-")[1])["controller"]["kp"] == 160.18
+    _, out, _ = command("methods")
+    assert "the last estimate, iterated." in out and max(map(len, out.splitlines())) <= 80
     _, out, _ = command("data", "list")
     assert all(name in out for name in datasets.REGISTRY)
 

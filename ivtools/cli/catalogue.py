@@ -56,6 +56,9 @@ def methods(json: options.Json = None) -> None:
         found = getattr(import_module(f"ivtools.estimators.{module}"), name)
         told[key] = {"class": name, "about": (found.__doc__ or "").strip().split("\n")[0]}
     write_json(told, json)
-    rows = [[key, about["class"], about["about"][:46]] for key, about in told.items()]
+    rows = []
+    for key, about in told.items():
+        first, *more = wrap(about["about"], 46) or [""]
+        rows += [[key, about["class"], first], *(["", "", line] for line in more)]
     text = table("Methods", [], ["--method", "class", "what it does"], rows, left=3)
     show(text, json_file=json)
