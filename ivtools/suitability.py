@@ -181,6 +181,7 @@ def _excited(
     lasts = record.n_samples * record.dt
     natural = (cutoff or 0.0) / 5.0
     if lasts * natural < _PERIODS or lasts < 1.0:
+        enough = np.ceil(max(_PERIODS / natural, _SHORT)) if natural else _SHORT
         advice.append(
-            f"{lasts:.3g} s are few for a loop of {natural:.3g} Hz; log {_SHORT:g} s or more"
+            f"{lasts:.3g} s are few for a loop of {natural:.3g} Hz; log {enough:g} s or more"
         )

@@ -23,7 +23,7 @@ def test_a_sound_record_suffices(twin):
 def test_what_is_wrong_is_said(twin):
     wrong = axes.emps().with_terms("inertia", "viscous", "coulomb", "offset", "spring")
     found = suitability(twin.slice(0, 700), wrong)
-    assert not found.sufficient and any("log" in text for text in found.advice)
+    assert not found.sufficient and any("log 5 s or more" in text for text in found.advice)
     from dataclasses import replace
 
     controller = replace(axes.emps().controller, settings={"kp": 100.0, "kv": 300.0})
