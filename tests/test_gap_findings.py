@@ -140,6 +140,15 @@ def test_too_little_motion_is_said(record, loop):
     assert "at least 3 s" in refusal(record.slice(0, 2000), loop)
 
 
+def test_a_slow_clock_for_a_short_time_is_told_what_is_too_little(twin, loop):
+    """62.5 Hz and 6 s: enough to estimate from, too little to name effects."""
+    own = {name: x[:6000:16, 0] for name, x in twin.signals.items()}
+    record = iv.Record.from_dict({"t": twin.t[:6000:16], **own})
+    slow = replace(loop, controller=Controller("none", {}))
+    assert iv.IDIMLS().fit(record, slow).params["inertia"] == pytest.approx(95.0, rel=0.1)
+    assert "samples show motion that can be compared" in refusal(record, slow)
+
+
 def test_standstill_is_said(twin, loop):
     q_ref = np.full(SAMPLES, 0.1)
     shaken = 0.2 * np.sign(np.sin(20.0 * twin.t))[:, None]
