@@ -1,0 +1,123 @@
+"""Laws stated wrongly, an effect behind each: is the law put right, and the effect still named?
+
+    python -m benchmarks.wrong_laws build/wrong_laws.csv --first 5000 --count 60
+
+A row per case: the kind of controller and the effect, what was stated wrongly (gains of half to
+twice their size, another kind, or a feed-forward that the axis file does not have), what was named.
+Cases whose row is there are not drawn again. At the end of a run stands what the file holds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import ivtools as iv
+from ivtools.loop import Controller
+from ivtools.loop.axis_file import from_tables
+
+from .withheld.cases import draw
+from .withheld.effects import AT_CONTROLLER, EFFECTS, twins
+from .withheld.suites import Task
+
+KINDS = ("cascade-pd", "pd", "pid", "p-pi", "pi-velocity", "p-velocity")
+OTHER = {
+    "cascade-pd": "pid",
+    "pd": "p-pi",
+    "pid": "cascade-pd",
+    "p-pi": "pd",
+    "pi-velocity": "p-velocity",
+    "p-velocity": "pi-velocity",
+}
+GAINS = ("kp", "kv", "ki", "kd")
+SAID = ("controller settings", "the law", "no law", "kinds", "feed-forward", "feedback")
+
+
+def misstated(rng: np.random.Generator, law: Controller) -> tuple[str, Controller]:
+    """Return what is wrong about a stated law, and the law."""
+    gains = {k: v for k, v in law.settings.items() if k in GAINS}
+    way = rng.choice(["gains", "gains", "kind"])
+    if way == "gains":
+        wrong = {k: v * float(rng.uniform(0.5, 2.0)) for k, v in gains.items()}
+        return "gains", replace(law, settings={**law.settings, **wrong})
+    other = OTHER[law.kind]
+    names = {"pid": "kp ki kd", "p-pi": "kp kv ki", "cascade-pd": "kp kv", "pd": "kp kd",
+             "p-velocity": "kv", "pi-velocity": "kv ki"}[other].split()  # fmt: skip
+    given = {k: gains.get(k, 10.0 ** rng.uniform(-1.0, 1.0)) for k in names}
+    return other, replace(law, kind=other, settings=given)
+
+
+def answer(seed: int) -> dict[str, object] | None:
+    """Return the row of a seed, or None if no such case can be drawn."""
+    rng = np.random.default_rng([seed, 12])
+    kind = KINDS[seed % len(KINDS)]
+    behind = [e for e in EFFECTS if e not in AT_CONTROLLER]
+    effect = str(rng.choice(behind))
+    try:
+        case = draw(Task("controllers", seed, (effect,), (kind,)))
+    except RuntimeError:
+        return None
+    loop = from_tables(case.axis.tables())
+    what, law = misstated(rng, loop.controller)
+    first, second = (iv.Record.from_dict(r) for r in case.records)
+    gap = iv.diagnose(first, replace(loop, controller=law), holdout=second)
+    text = " ".join(f.text for f in gap.findings)
+    named = [e for e in gap.effects if e != "controller-mismatch"]
+    hers = {effect, *twins(effect)}
+    for name in named:  # one that cannot be told from hers stands for it
+        hers |= {name} if effect in gap.ambiguous_with.get(name, ()) else set()
+    return {
+        "seed": seed,
+        "kind": kind,
+        "effect": effect,
+        "stated": what,
+        "law": "controller-mismatch" in gap.effects or any(word in text for word in SAID),
+        "named": bool(hers & set(named)),
+        "others": " ".join(sorted(set(named) - hers)),
+        "verdict": gap.verdict,
+        "findings": text[:300],
+    }
+
+
+def rows(file: Path) -> Iterator[dict[str, str]]:
+    """Yield the rows of a file, if there is one."""
+    if file.exists():
+        with file.open(newline="") as open_file:
+            yield from csv.DictReader(open_file)
+
+
+def main() -> None:
+    """Run what is missing, a row at a time, and count."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--first", type=int, default=5000)
+    parser.add_argument("--count", type=int, default=60)
+    args = parser.parse_args()
+    warnings.simplefilter("ignore")
+    args.file.parent.mkdir(parents=True, exist_ok=True)
+    there = {int(row["seed"]) for row in rows(args.file)}
+    for seed in sorted(set(range(args.first, args.first + args.count)) - there):
+        row = answer(seed)
+        if row is None:
+            continue
+        new = not args.file.exists()
+        with args.file.open("a", newline="") as open_file:
+            writer = csv.DictWriter(open_file, row)
+            if new:
+                writer.writeheader()
+            writer.writerow(row)
+        print("; ".join(f"{k} {v}" for k, v in row.items()), flush=True)
+    found = list(rows(args.file))
+    count = {key: sum(row[key] == "True" for row in found) for key in ("law", "named")}
+    false = sum(bool(row["others"]) for row in found)
+    print(f"{len(found)} cases: law {count['law']}, effect {count['named']}, other names {false}")
+
+
+if __name__ == "__main__":
+    main()
