@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 __all__ = ["SIGNALS", "Record"]
 
+LIVELY = 100_000  # samples of motion that tell a law, or a first guess, as well as more of them
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record:
@@ -192,14 +194,21 @@ class Record:
         """The longest stretch."""
         return max(self.parts, key=lambda part: part.n_samples)
 
-    def liveliest(self, n: int) -> Record:
-        """Return the n samples in which the position changes most; a shorter record as it is."""
+    def liveliest(self, n: int = LIVELY) -> Record:
+        """Return the n samples in which the position changes most; a shorter record as it is.
+
+        At least 600; a few less than n, where a stretch would be cut short.
+        """
+        n = max(n, 3 * checks.MIN_SAMPLES)
         if n >= self.n_samples:
             return self
         moved = np.sum(np.diff(self.q, axis=0, prepend=self.q[:1]) ** 2, axis=1)
         total = np.concatenate([[0.0], np.cumsum(moved)])
         first = int(np.argmax(total[n:] - total[:-n]))
-        return self.slice(first, first + n)
+        last = first + n
+        start = next((k for k in self.breaks if first < k < first + checks.MIN_SAMPLES), first)
+        stop = next((k for k in self.breaks if last - checks.MIN_SAMPLES < k < last), last)
+        return self.slice(start, stop)
 
     @property
     def signals(self) -> dict[str, NDArray[np.float64]]:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _SHORT, _POOR_R2, _STILL, _LINES = 5.0, 0.98, 0.01, 20
 _CONDITION = 300.0
-_MOST = 100_000  # samples that law and rows are shown of
 _PERIODS = 20  # of the loop's mode that a record should last
 
 
@@ -131,7 +130,7 @@ def _law(
         rows.append(("control law", "none", "the command is taken as it is"))
         return None
     try:
-        shown = record.longest.liveliest(_MOST)
+        shown = record.longest.liveliest()
         parity = check_parity(shown, loop.known(record))
     except IVToolsError as error:
         advice.append(f"the control law cannot be compared: {error}")
@@ -162,7 +161,7 @@ def _excited(
 ) -> None:
     """Say how well the parameters can be told apart, and whether the record is long enough."""
     try:
-        shown = record.liveliest(_MOST)
+        shown = record.liveliest()
         problem = Problem(shown, loop)
         X = problem.X / np.linalg.norm(problem.X, axis=0)
         condition = float(np.linalg.cond(X))

@@ -7,7 +7,6 @@ import pytest
 
 import ivtools as iv
 from ivtools.gap import parity
-from ivtools.loop.identification import search
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 
@@ -92,7 +91,11 @@ def test_a_law_with_states_of_its_own_may_begin_anywhere(loop, settled):
 
 def test_the_law_of_a_long_record_is_read_from_a_part_and_judged_on_all_of_it(loop, monkeypatch):
     wrong = replace(loop, controller=iv.loop.Controller("p-velocity", {"kv": 100.0}, limit=10.0))
-    monkeypatch.setattr(search, "_MOST", 8_000)
+
+    def part(self, n=8_000, whole=iv.Record.liveliest):
+        return whole(self, n)
+
+    monkeypatch.setattr(iv.Record, "liveliest", part)
     found = parity.check(iv.datasets.twin(), wrong)
     assert found.read is not None and found.read.samples <= 8_000
     assert found.taken and found.after < 1e-9

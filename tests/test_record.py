@@ -74,10 +74,14 @@ def test_the_liveliest_part_is_the_one_that_moves():
     t = np.arange(2000) * 1e-3
     q = np.interp(t, [1.2, 1.4], [0.0, 0.1])
     record = Record.from_dict({"t": t, "q": q, "nu": np.cos(t)})
-    part = record.liveliest(300)
-    assert part.n_samples == 300
+    part = record.liveliest(700)
+    assert part.n_samples == 700
     assert part.t[0] <= 1.2 and part.t[-1] >= 1.399
     assert record.liveliest(2000) is record
+    broken = record.replace(breaks=(800, 1250, 1500))  # no stretch is cut short
+    part = broken.liveliest(700)
+    assert 200 <= part.n_samples <= 700
+    assert all(one.n_samples >= 200 for one in part.parts)
 
 
 def test_replace_validates_and_notes_are_those_of_the_new_record(table):

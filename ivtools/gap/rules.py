@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..physics import Term
+from ..record import LIVELY
 
 # --- parity: does the command follow from the measured position? ------------------------------
 
@@ -448,7 +449,7 @@ class Rules:
     similar: float = 0.5
     beside_similar: float = 0.05
     search_left: float = 0.5
-    samples: int = 100_000
+    samples: int = LIVELY
 
     def threshold(self, term: Term) -> Threshold:
         """Return what this effect must reach."""

@@ -38,7 +38,6 @@ _NOTHING = (
     "the inertia comes out negative: the motion tells too little of it, or the force is another"
 )
 _OPPOSITE = "the command has the opposite sign of the motion: [drive] gain is negative"
-_MOST = 1_000_000  # samples from which rough parameters are estimated
 _GOOD = 0.98  # R2 of a law that is taken for the controller's
 _MEANS = {
     "t": "time", "q": "position", "q_ref": "position reference", "dq": "velocity",
@@ -254,7 +253,7 @@ def _rough(
     from ..estimators.least_squares import IDIMLS
     from ..problem import Problem
 
-    record = record.liveliest(_MOST)
+    record = record.liveliest()
     try:
         fit = IDIMLS().fit(Problem(record, loop))
         if loop.joint == "revolute":

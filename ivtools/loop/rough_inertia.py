@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 _RIGID = ("inertia", "viscous", "coulomb", "offset")
 _WIDEST, _STEP, _PERIODS = 0.2, 2.5, 8.0  # cut-offs tried: of the rate, apart, in the record
 _SLOW = 0.05  # of the rms speed: below, the direction of motion may be noise
-_MOST = 200_000  # samples that a guess needs
 _FEWEST = 40  # rows of a regression
 _NOTHING = 1e-8  # share of a column's norm that is rounding
 _WITHIN = 1e-6  # share of a column outside a span that it belongs to
@@ -205,7 +204,7 @@ def shown_inertia(loop: ClosedLoop, record: Record) -> tuple[Shown, Shown]:
     plain, free : Shown
         With the terms of the model, and with any force over the position beside them.
     """
-    record = record.liveliest(_MOST)
+    record = record.liveliest()
     length = record.n_samples * record.dt
     cutoff, plain, free = _WIDEST * record.sampling_hz, Shown(), Shown()
     while cutoff * length > _PERIODS:

@@ -21,7 +21,6 @@ from .shapes import filters
 if TYPE_CHECKING:
     from ..closed_loop import ClosedLoop
 
-_MOST = 100_000  # samples that are searched: more take time and tell the same
 _NOISY = 1e-4  # share of the power that a law leaves which did not see just what was logged
 _PERFECT = 1e-14  # share of the power that exact data leave
 _EACH = 2  # forms of a kind that become laws, with feed-forwards and without
@@ -41,7 +40,7 @@ _WORTH = 0.5  # of the residual's power that it must remove
 
 def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
     """Fit the law of a record's longest stretch; see `ClosedLoop.identify_controller`."""
-    record = record.longest.liveliest(_MOST)
+    record = record.longest.liveliest()
     ways = [False, True] if record.dq is not None else [False]
     if loop.controller.velocity == "logged" and record.dq is not None:
         ways = [True]
