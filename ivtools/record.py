@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SIGNALS", "Record"]
 
-LIVELY = 100_000  # samples of motion that tell a law, or a first guess, as well as more of them
+LIVELY = 500_000  # samples of motion that tell a law, or a first guess, as well as more of them
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..physics import Term
-from ..record import LIVELY
 
 # --- parity: does the command follow from the measured position? ------------------------------
 
@@ -430,8 +429,8 @@ class Rules:
     search_left : float
         Least share of what is left that makes another search for valleys worth while.
     samples : int
-        Of each record that are diagnosed at most, where it moves most (numerics: 100,000 take half
-        a minute and 2 GB).
+        Of each record that are diagnosed at most, where it moves most (numerics: 200,000 take a
+        minute and 4 GB; judgement: 20 s of a fast controller's log).
     """
 
     everywhere: Threshold = Threshold(0.035, 5.0, 1.67, 0.15)
@@ -449,7 +448,7 @@ class Rules:
     similar: float = 0.5
     beside_similar: float = 0.05
     search_left: float = 0.5
-    samples: int = LIVELY
+    samples: int = 200_000
 
     def threshold(self, term: Term) -> Threshold:
         """Return what this effect must reach."""

@@ -272,7 +272,7 @@ class ClosedLoop(Model):
         for every structure (cascade-pd, pd, p-velocity; velocity filters of 1 to 3 taps; delays of
         0 to 3 samples); samples at the limit are left out. The structure is the one with the
         least log residual power plus a price per setting: a setting more must remove a fifth of
-        the residual, however long the record. Of more than 100,000 samples, those in which the
+        the residual, however long the record. Of more than 500,000 samples, those in which the
         axis moves most are used.
 
         Returns
