@@ -140,6 +140,12 @@ def test_too_little_motion_is_said(record, loop):
     assert "at least 3 s" in refusal(record.slice(0, 2000), loop)
 
 
+def test_what_is_at_fault_comes_before_notes_about_the_controller(record, loop):
+    unknown = replace(loop, controller=Controller("identify", {}))
+    found = iv.diagnose(record.slice(0, 2000), unknown)
+    assert "at least 3 s" in found.findings[0].text and found.findings[0].fatal
+
+
 def test_a_slow_clock_for_a_short_time_is_told_what_is_too_little(twin, loop):
     """62.5 Hz and 6 s: enough to estimate from, too little to name effects."""
     own = {name: x[:6000:16, 0] for name, x in twin.signals.items()}
