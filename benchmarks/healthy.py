@@ -155,12 +155,7 @@ def main() -> None:
     for seed in sorted(set(range(args.first, args.first + args.count)) - there):
         case = draw(seed, tuple(args.rates), args.seconds)
         row = {"seed": seed, **case.labels, **answer(case)}
-        new = not args.file.exists()
-        with args.file.open("a", newline="") as file:
-            writer = csv.DictWriter(file, row)
-            if new:
-                writer.writeheader()
-            writer.writerow(row)
+        populations.append(args.file, row)
         shown = {k: v for k, v in row.items() if k != "advice"}
         print("; ".join(f"{k} {v}" for k, v in shown.items() if v != ""), flush=True)
 

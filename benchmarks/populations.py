@@ -1,6 +1,9 @@
 """Populations of controllers: every kind, with all that may surround a law."""
 
+import csv
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -101,3 +104,13 @@ def axis(rng: np.random.Generator, joint: str) -> tuple[ClosedLoop, dict[str, fl
         "offset": force * rng.uniform(-0.5, 0.5),
     }
     return loop, theta, stroke
+
+
+def append(file: Path, row: Mapping[str, object]) -> None:
+    """Write a row at the end of a csv file, below a header if it is the first."""
+    new = not file.exists()
+    with file.open("a", newline="") as open_file:
+        writer = csv.DictWriter(open_file, row)
+        if new:
+            writer.writeheader()
+        writer.writerow(row)

@@ -22,6 +22,7 @@ import ivtools as iv
 from ivtools.loop import Controller
 from ivtools.loop.axis_file import from_tables
 
+from .populations import append
 from .withheld.cases import draw
 from .withheld.effects import AT_CONTROLLER, EFFECTS, twins
 from .withheld.suites import Task
@@ -106,12 +107,7 @@ def main() -> None:
         row = answer(seed)
         if row is None:
             continue
-        new = not args.file.exists()
-        with args.file.open("a", newline="") as open_file:
-            writer = csv.DictWriter(open_file, row)
-            if new:
-                writer.writeheader()
-            writer.writerow(row)
+        append(args.file, row)
         print("; ".join(f"{k} {v}" for k, v in row.items()), flush=True)
     found = list(rows(args.file))
     count = {key: sum(row[key] == "True" for row in found) for key in ("law", "named")}
