@@ -3,7 +3,7 @@
     python -m benchmarks.wrong_laws build/wrong_laws.csv --first 5000 --count 60
 
 A row per case: the kind of controller and the effect, what was stated wrongly (gains of half to
-twice their size, another kind, or a feed-forward that the axis file does not have), what was named.
+twice their size, or another kind), what was named.
 Cases whose row is there are not drawn again. At the end of a run stands what the file holds.
 """
 
