@@ -9,7 +9,6 @@ a sign or a unit. Records whose row is there are not drawn again.
 from __future__ import annotations
 
 import argparse
-import csv
 import re
 import time
 import traceback
@@ -147,10 +146,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, help="length; default 12 to 20 s")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
-    there = set()
-    if args.file.exists():
-        with args.file.open(newline="") as file:
-            there = {int(row["seed"]) for row in csv.DictReader(file)}
+    there = {int(row["seed"]) for row in populations.rows(args.file)}
     args.file.parent.mkdir(parents=True, exist_ok=True)
     for seed in sorted(set(range(args.first, args.first + args.count)) - there):
         case = draw(seed, tuple(args.rates), args.seconds)

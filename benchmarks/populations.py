@@ -106,6 +106,14 @@ def axis(rng: np.random.Generator, joint: str) -> tuple[ClosedLoop, dict[str, fl
     return loop, theta, stroke
 
 
+def rows(file: Path) -> list[dict[str, str]]:
+    """Return the rows of a csv file; none if there is no such file."""
+    if not file.exists():
+        return []
+    with file.open(newline="") as open_file:
+        return list(csv.DictReader(open_file))
+
+
 def append(file: Path, row: Mapping[str, object]) -> None:
     """Write a row at the end of a csv file, below a header if it is the first."""
     new = not file.exists()

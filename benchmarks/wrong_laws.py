@@ -10,9 +10,7 @@ Cases whose row is there are not drawn again. At the end of a run stands what th
 from __future__ import annotations
 
 import argparse
-import csv
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,12 +20,11 @@ import ivtools as iv
 from ivtools.loop import Controller
 from ivtools.loop.axis_file import from_tables
 
-from .populations import append
+from .populations import append, rows
 from .withheld.cases import draw
 from .withheld.effects import AT_CONTROLLER, EFFECTS, twins
 from .withheld.suites import Task
 
-KINDS = ("cascade-pd", "pd", "pid", "p-pi", "pi-velocity", "p-velocity")
 OTHER = {
     "cascade-pd": "pid",
     "pd": "p-pi",
@@ -37,7 +34,7 @@ OTHER = {
     "p-velocity": "pi-velocity",
 }
 GAINS = ("kp", "kv", "ki", "kd")
-SAID = ("controller settings", "the law", "no law", "kinds", "feed-forward", "feedback")
+SAID = "the record shows"  # how a finding says the law that it read, and what it thinks of the file
 
 
 def misstated(rng: np.random.Generator, law: Controller) -> tuple[str, Controller]:
@@ -57,7 +54,7 @@ def misstated(rng: np.random.Generator, law: Controller) -> tuple[str, Controlle
 def answer(seed: int) -> dict[str, object] | None:
     """Return the row of a seed, or None if no such case can be drawn."""
     rng = np.random.default_rng([seed, 12])
-    kind = KINDS[seed % len(KINDS)]
+    kind = list(OTHER)[seed % len(OTHER)]
     behind = [e for e in EFFECTS if e not in AT_CONTROLLER]
     effect = str(rng.choice(behind))
     try:
@@ -78,19 +75,12 @@ def answer(seed: int) -> dict[str, object] | None:
         "kind": kind,
         "effect": effect,
         "stated": what,
-        "law": "controller-mismatch" in gap.effects or any(word in text for word in SAID),
+        "law": "controller-mismatch" in gap.effects or SAID in text,
         "named": bool(hers & set(named)),
         "others": " ".join(sorted(set(named) - hers)),
         "verdict": gap.verdict,
         "findings": text[:300],
     }
-
-
-def rows(file: Path) -> Iterator[dict[str, str]]:
-    """Yield the rows of a file, if there is one."""
-    if file.exists():
-        with file.open(newline="") as open_file:
-            yield from csv.DictReader(open_file)
 
 
 def main() -> None:
@@ -109,7 +99,7 @@ def main() -> None:
             continue
         append(args.file, row)
         print("; ".join(f"{k} {v}" for k, v in row.items()), flush=True)
-    found = list(rows(args.file))
+    found = rows(args.file)
     count = {key: sum(row[key] == "True" for row in found) for key in ("law", "named")}
     false = sum(bool(row["others"]) for row in found)
     print(f"{len(found)} cases: law {count['law']}, effect {count['named']}, other names {false}")
