@@ -52,7 +52,7 @@ What instruments contradict counts as not converged: that is what least squares 
 
 
 RESULTS = Path(__file__).parents[1] / "results" / "axes"
-SEED, RECORDS = 2034, 1000
+SEED, RECORDS = 2036, 1000
 METHODS = ("idim-ls", "ddm-ls", "idim-iv", "idim-bciv", "idim-piv", "didim")
 SELDOM = ("idim-wls", "ml", "lmi-ls", "lmi-iv", "ddm-iv", "clie", "cloe", "oloe", "set-membership")
 EVERY = 5  # the records that the slower ones get

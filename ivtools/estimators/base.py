@@ -108,7 +108,9 @@ class Estimator(ABC):
         """Estimate again from there, on the rows that noise has not chosen.
 
         `Problem.masked_by` says why. Without a mask, or a simulation, the first estimate is all;
-        nor is a search repeated that had more to find than the problem's own parameters.
+        nor is a search repeated that had more to find than the problem's own parameters. A second
+        estimate that does not converge stands, though the first had: that one's friction may be
+        biased by more than its errors say.
         """
         axis = self.chooses and isinstance(problem.loop, ClosedLoop)
         if not (axis and problem.masked and {*first.names} == {*problem.names}):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Literal, get_args
@@ -92,6 +92,18 @@ class SimulatedSignal:
         step = np.diag(self._steps(theta))  # (p, p)
         signals = self._simulated([theta, *(theta + step)])  # (N, 1 + p)
         return signals[:, 0], (signals[:, 1:] - signals[:, :1]) / np.diag(step)
+
+    def by_start(self, theta: Array) -> Array:
+        """Return how the signal depends on the command with which the record begins, (N,).
+
+        It tells the controller's own state at the start, which an integrator keeps.
+        """
+        problem = self.problem
+        record, command = problem.record, problem.loop.command(problem.record)
+        shift = self.step * float(np.max(np.abs(command)))
+        begun = replace(self, problem=replace(problem, record=replace(record, nu=command + shift)))
+        change: Array = begun(theta) - self(theta)
+        return change / shift if shift > 0.0 else change
 
     @cached_property
     def sizes(self) -> Array:

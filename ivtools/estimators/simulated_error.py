@@ -21,7 +21,6 @@ from ivtools.estimators.iteration import (
     starting_values,
 )
 from ivtools.estimators.sensitivities import STEP, Signal, SimulatedSignal, scans
-from ivtools.linalg.covariance import effective_rows
 from ivtools.results import FitResults
 
 if TYPE_CHECKING:
@@ -29,7 +28,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-SHOWN_ROWS = 10  # that a parameter must move, effectively, to be estimated from the motion
+ALIKE = 0.95  # cosine of what a parameter does to the motion and of what another start does
+SHOWN_ROWS = 10  # independent rows per parameter, for standard errors from an error that drifts
 EXACT = 1e-6  # of the signal: an error below this is the arithmetic's, not noise
 _PROMISE = 0.05  # share of the error that one more linear step may promise to remove at a minimum
 _STILL = 1e-4  # or such a step may be as large as this, in sizes of the parameters
@@ -227,7 +227,7 @@ class SimulatedError(Estimator):
         """Complete the minimum; the sensitivities take the place of X."""
         model = best.model
         linear = best.error + best.J @ best.theta  # (N,), of which best.error is the residual
-        hidden = list(hardly_shown(best)) if model.signal == "position" else []
+        hidden = list(hardly_shown(best)) if model.signal != "force" else []
         drift = list(drifting(best)) if model.signal != "force" else []
         results = FitResults.from_solution(
             self.key,
@@ -252,18 +252,23 @@ class SimulatedError(Estimator):
 
 
 def hardly_shown(found: Minimum) -> Iterator[str]:
-    """Yield a remark for each parameter that moves the signal in a few rows at the start only.
+    """Yield a remark for each parameter that the motion cannot tell from the controller's start.
 
-    Integral action takes back what an offset does to the position: it shows while the integrator
-    settles at the start, if at all, where it stands for an error of the initial state.
+    Integral action takes back what a constant force does to the motion: behind it an offset is
+    another state of the integrator, and the record's first commands alone tell the two apart.
     """
-    energy = np.cumsum(found.J**2, axis=0)  # (N, p)
-    early = energy[len(energy) // 10] > 0.9 * energy[-1]
-    for name, rows, first in zip(found.model.free, effective_rows(found.J), early, strict=True):
-        if first and rows < SHOWN_ROWS:
+    problem = found.model.problem
+    if not len(problem.loop.controller.law(problem.record.dt).C):  # no state, no start
+        return
+    begun = found.model.by_start(found.theta)  # (N,)
+    sizes = np.linalg.norm(begun) * np.linalg.norm(found.J, axis=0)  # (p,)
+    alike = np.abs(begun @ found.J) / np.maximum(sizes, np.finfo(float).tiny)
+    for name, cosine in zip(found.model.free, alike, strict=True):
+        if cosine > ALIKE:
             yield (
-                f"{name} shows in {rows:.0f} rows at the start only: the controller takes back "
-                "what it does, so estimate it from the force (clie)"
+                f"{name} does to the {found.model.signal} what another start of the controller's "
+                "integrator does, and the first commands alone tell the two apart: estimate it "
+                "from the force (clie)"
             )
 
 
