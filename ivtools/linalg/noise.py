@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
 
 from ivtools.errors import EstimationError
 from ivtools.linalg.autocovariance import autocovariance, burg, taken
@@ -136,9 +135,13 @@ class NoiseModel:
         acov, p = np.array(acov, dtype=float), len(acov) - 1
         acov[0] *= 1.0 + _FLOOR
         orders = np.zeros((p + 1, p))  # row i: the coefficients of order i
-        for i in range(1, p + 1):
-            orders[i, :i] = solve_toeplitz(acov[:i], acov[1 : i + 1])
-        variances = acov[0] - orders @ acov[1:]
+        variances = np.full(p + 1, acov[0])
+        for i in range(1, p + 1):  # each order from the one before, all in the time of one system
+            past = orders[i - 1, : i - 1]
+            reflection = (acov[i] - past @ acov[i - 1 : 0 : -1]) / variances[i - 1]
+            orders[i, : i - 1] = past - reflection * past[::-1]
+            orders[i, i - 1] = reflection
+            variances[i] = variances[i - 1] * (1.0 - reflection**2)
         starts = np.zeros(1, dtype=np.intp) if starts is None else starts
         floor = max(float(np.finfo(float).tiny), _FLOOR * acov[0] * 1e-3)
         return cls(
