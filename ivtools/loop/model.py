@@ -61,27 +61,29 @@ class Model:
         ShapeError
             If an array has the wrong length.
         """
+        known, names = self.parameters, self.names
         if theta is None:
             given: dict[str, float] = {}
         elif hasattr(theta, "items"):
             given = {str(k): self._number(str(k), v) for k, v in theta.items()}
         else:
             array = np.ravel(np.asarray(theta, dtype=float))
-            if len(array) != len(self.names):
+            if len(array) != len(names):
                 raise ShapeError(
-                    f"theta has {len(array)} values and the model {len(self.names)} parameters: "
-                    f"{', '.join(self.names)}"
+                    f"theta has {len(array)} values and the model {len(names)} parameters: "
+                    f"{', '.join(names)}"
                 )
-            given = dict(zip(self.names, array.tolist(), strict=True))
+            given = dict(zip(names, array.tolist(), strict=True))
         for key, value in given.items():
-            if key not in self.parameters:
-                known = ", ".join(self.parameters)
-                raise AxisError(f"parameter {key!r} is not in the model, whose are: {known}")
+            if key not in known:
+                raise AxisError(
+                    f"parameter {key!r} is not in the model, whose are: {', '.join(known)}"
+                )
             if not abs(value) <= LARGEST:
                 raise AxisError(
                     f"parameter {key} is {value:g}; it must be finite, and at most {LARGEST:g}"
                 )
-        return {n: self._value(n, p, given) for n, p in self.parameters.items()}
+        return {n: self._value(n, p, given) for n, p in known.items()}
 
     @staticmethod
     def _number(name: str, value: Any) -> float:
@@ -97,7 +99,7 @@ class Model:
             return given[name]
         if name in self.start:
             return float(self.start[name])
-        if name in self.names and any(t.base and name in t.names for t in self.terms):
+        if parameter.linear and any(t.base and name in t.names for t in self.terms):
             raise AxisError(
                 f"parameter {name!r} has no value; give theta, or a starting value in [model.start]"
             )

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from math import inf
 from typing import Any, Literal
 
@@ -151,7 +152,7 @@ class Term:
             return _ours, (self.name,)
         return _unpacked, (cloudpickle.dumps([getattr(self, f.name) for f in fields(self)]),)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Full names of the parameters, unique across terms."""
         prefix = "" if self.base else f"{self.name}."
