@@ -28,7 +28,7 @@ from .summary import cell
 OFF_PERCENT, OFF_ERRORS = 20.0, 5.0
 HEAD = """# Drawn axes, one record each: does a fit that says it converged go astray?
 
-{records} of the {all} axes of `population({all}, {seed})`, by `benchmarks/axes/astray.py`. Units
+{records} axes of `population({all}, {seed})`, by `benchmarks/axes/astray.py`. Units
 over eight decades, six control laws, 250 Hz to 10 kHz, encoders of 2^11 to 2^20 counts, late
 drives, a fifth with friction of one to two times the force of acceleration; default pipeline and
 settings. None of these axes was seen before the code was frozen. On every fifth record only:
@@ -43,7 +43,7 @@ settings. None of these axes was seen before the code was frozen. On every fifth
   about {chance:.2f}.
 - **no noise**: largest error of any parameter on the records without noise, %, of what converged.
 - **largest**: error of any parameter in standard errors, of records with noise.
-- **time**: median of the processor time, ms.
+- **time**: median of the processor time, ms, on a busy machine, where it is up to twice as long.
 
 {weak}
 
