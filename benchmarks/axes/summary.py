@@ -49,8 +49,8 @@ A study takes every fit as it is: that instruments contradict least squares, whi
 it has not converged, does not count here ([astray.md](astray.md) counts it).
 {earlier}"""
 EARLIER = """
-Methods with a dagger have not been run again: their rows are of an earlier state of the code, of
-all twelve axes, coverage with 1.96 standard errors, and the median of the variances as it is.
+Methods with a dagger were not run again when the others were: their rows are of earlier code, which
+has not changed for them by intention.
 """
 VALVE = """## The valve
 
@@ -130,7 +130,7 @@ def markdown(rows: pd.DataFrame, seeds: int) -> str:
             vague=100.0 * np.sqrt(2.0 / (seeds - 1.0)),
             chance=np.median(draws),
             most=np.median(draws.max(axis=1)),
-            earlier=EARLIER if (rows["axes"] == "earlier").any() else "",
+            earlier=EARLIER if rows["earlier"].any() else "",
         )
     ]
     valve = rows["axes"] == "valve"
@@ -148,7 +148,7 @@ def _table(part: pd.DataFrame) -> list[str]:
              "|---|" + "---|" * 12]  # fmt: skip
     for r in part.itertuples():
         cells = [
-            r.estimator + ("†" if r.axes == "earlier" else ""),
+            r.estimator + ("†" if r.earlier else ""),
             f"{r.fits:.0f}",
             f"{r.converged:.1f}",
             *(cell(v, ".2f") for v in (r.bias_sd_median, r.bias_sd_max)),
@@ -181,18 +181,28 @@ def main(folder: str) -> None:
         {case.name: case.bound() for case in study.cases}, names=["case", "parameter"]
     )
     RESULTS.mkdir(parents=True, exist_ok=True)
-    rows = _kept("summary.csv", rows_of(table, bounds))
+    rows = _kept("summary.csv", rows_of(table, bounds).assign(earlier=False))
+    order = list(dict(study.estimators))
+    rows = rows.sort_values(["axes", "noise", "estimator"], key=lambda c: c.map(_place(order, c)))
     for name, part in (("scores.csv", score.table), ("fits.csv", score.fits)):
         _kept(name, part).to_csv(RESULTS / name, index=False, float_format="%.5g")
     rows.to_csv(RESULTS / "summary.csv", index=False, float_format="%.5g")
     (RESULTS / "README.md").write_text(markdown(rows, seeds), encoding="utf-8")
 
 
+def _place(order: list[str], column: pd.Series) -> dict[str, int]:
+    """Return the places of a column's values: methods in the order of the study."""
+    given = order if column.name == "estimator" else sorted(column.unique())
+    return {str(value): k for k, value in enumerate(given)}
+
+
 def _kept(name: str, new: pd.DataFrame) -> pd.DataFrame:
     """Return rows and, of what has none, those of the run before."""
     old = pd.read_csv(RESULTS / name) if (RESULTS / name).exists() else new[:0]
     old = old[~old["estimator"].isin(new["estimator"].astype(str))]
-    return pd.concat([new, old.assign(axes="earlier") if "axes" in new else old], ignore_index=True)
+    if "earlier" in new:
+        old = old.assign(earlier=True)
+    return pd.concat([new, old], ignore_index=True)
 
 
 if __name__ == "__main__":
