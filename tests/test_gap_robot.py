@@ -10,6 +10,8 @@ from robots import plan, reference, six_loop, two_axes, two_joints
 import ivtools as iv
 from ivtools.cli import run
 from ivtools.errors import AxisError
+from ivtools.gap import links
+from ivtools.gap.fold import Doubt, Fold
 from ivtools.gap.joints import alone, heard, identified
 
 
@@ -41,8 +43,50 @@ def test_the_joint_and_its_effect_are_named(found):
 def test_a_name_that_hardly_lowers_the_error_is_none(found):
     elbow = found["elbow"]
     assert heard(elbow) is elbow
-    faint = replace(elbow, shrink=replace(elbow.shrink, after=0.999 * elbow.shrink.before))
+    small = replace(elbow.shrink, after=0.999 * elbow.shrink.before)
+    assert heard(replace(elbow, shrink=small)).effects  # fast noise is most of the force error
+    faint = replace(elbow, shrink=small, chi=(1.02, 1.0))
     assert not heard(faint).effects and "not named" in heard(faint).advice[-1]
+    worse = replace(elbow.shrink, after=1.01 * elbow.shrink.before)
+    assert not heard(replace(elbow, shrink=worse)).effects
+
+
+def test_the_other_joints_say_what_the_links_are():
+    """What the elbow says of a wrong link is what was put in, and of the shoulder's own nothing."""
+    loop = two_loop()
+    record = measured(loop, 4)
+    fit, _ = identified(record, loop)
+    right = links.measure(fit, record)
+    k = fit.names.index("ZZ2")
+    params = fit.params.copy()
+    params["ZZ2"] *= 1.05
+    wrong = links.measure(replace(fit, params=params), record)
+    doubts = [one.doubt("shoulder") for one in (right, wrong)]
+    change = doubts[1].mean - doubts[0].mean
+    spread = np.sqrt(np.diag(np.linalg.pinv(doubts[1].precision)))
+    at = 2  # of MX1R, MY1R, ZZ2, MX2, MY2: ZZ1R is the axis's own
+    assert right.names[k] == "ZZ2" and len(change) == 5
+    wrong_by = params["ZZ2"] - fit.params["ZZ2"]
+    assert change[at] == pytest.approx(-wrong_by, rel=0.3) and abs(wrong_by) > 4.0 * spread[at]
+
+
+def test_doubt_discounts_what_nobody_knows():
+    """Without precision the answers count for nothing, with much of it they count as any error."""
+    loop = iv.axes.emps()
+    record = iv.datasets.twin()
+    rng = np.random.default_rng(0)
+    answers = rng.standard_normal((record.n_samples, 2))
+    keep = np.ones(record.n_samples, dtype=bool)
+    for precision, left in ((0.0, 0.0), (1e-3 * record.n_samples, 0.032), (1e12, 1.0)):
+        doubt = Doubt(record.t, answers, np.zeros(2), precision * np.eye(2))
+        white = Fold(record, keep, doubt=doubt).white(answers[:, 0])
+        assert np.linalg.norm(white) / np.linalg.norm(answers[:, 0]) == pytest.approx(
+            left, abs=2e-3
+        )
+    shift = Doubt(record.t, answers, np.array([2.0, 0.0]), 1e12 * np.eye(2))
+    values = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+    plain, moved = (Fold(record, keep, doubt=d).error(loop, values) for d in (None, shift))
+    np.testing.assert_allclose(plain - moved, 2.0 * answers[:, 0], atol=1e-6)
 
 
 def test_it_shows_itself(found, tmp_path):

@@ -72,6 +72,21 @@ def test_a_load_opposes_the_drive_on_one_axis_and_on_a_robot(twin):
     np.testing.assert_allclose(robot.simulate(loaded, values).q, pushed.q, atol=1e-9)
 
 
+def test_friction_that_grows_with_the_load_is_of_what_the_drive_transmits(twin):
+    """A force from outside does not pass the gear."""
+    t, mu = twin.t[:, None], 0.05
+    loop = iv.axes.emps().with_terms("inertia", *PLAIN, "load-friction")
+    loaded = twin.replace(load=20.0 * np.sin(3.0 * t))
+    values = {"inertia": 95.0, **PLAIN, "load-friction.ratio": mu}
+    sim = loop.simulate(loaded, values)
+    q, dq, ddq, tau = (x[:, 0] for x in (sim.q, sim.dq, sim.ddq, sim.tau))
+    sign = np.sign(dq)
+    asked = 95.0 * ddq + PLAIN["viscous"] * dq + PLAIN["coulomb"] * sign + PLAIN["offset"]
+    left = tau - loaded.load[:, 0] - mu * np.abs(tau) * sign - asked
+    moving = (np.abs(dq) > 1e-3) & (np.arange(len(q)) > 10)
+    assert np.abs(left[moving]).max() < 1e-6 * np.abs(tau).max()
+
+
 # --- mechanics ---
 
 

@@ -26,7 +26,7 @@ from .confirm import confirm, run
 from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
 from .floor import Measured
-from .fold import Fold, Side, threaded, usable
+from .fold import Doubt, Fold, Side, threaded, usable
 from .hanging import hanging
 from .library import Scales
 from .parity import Parity
@@ -63,6 +63,7 @@ def diagnose(
     rules: Rules | None = None,
     extra: Sequence[Term] = (),
     without: Sequence[str] = (),
+    doubts: Sequence[Doubt | None] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Say where a simulation parts from a record, which effect it lacks, and how far that closes.
@@ -92,6 +93,8 @@ def diagnose(
         Effects of your own that take part.
     without : sequence of str
         Effects to leave out of the library.
+    doubts : sequence of Doubt or None
+        Of the record, the holdout and the judge: what is not known of their loads.
     progress : callable, optional
         Called with a line of text at each stage.
 
@@ -116,7 +119,8 @@ def diagnose(
         one: Record, other: Record | None, loop: ClosedLoop = loop, named: bool = True
     ) -> Diagnosis:
         third = judge if simulated is None else None  # of the axis itself, not of a difference
-        task = _Task(one, loop, other, third, tolerance, tuple(extra), tuple(without))
+        more = (tolerance, tuple(extra), tuple(without), tuple(doubts))
+        task = _Task(one, loop, other, third, *more)
         kept = rules or Rules()
         return _diagnose(task, kept if named else replace(kept, most=0), progress or _mute)
 
@@ -145,6 +149,7 @@ class _Task(NamedTuple):
     tolerance: float
     extra: tuple[Term, ...]
     without: tuple[str, ...]
+    doubts: tuple[Doubt | None, ...] = ()
 
 
 _CALM, _RUNNING = Lock(), ExitStack()
@@ -233,11 +238,16 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
         return _refused(record, loop, checked, [*found, *law])
     say("base model and floor")
     try:
-        ready = [_ready(r, p, records) for r, p in zip(records, checked, strict=True)]
+        doubts = [*task.doubts, *[None] * 3]
+        ready = [
+            _ready(r, p, records)._replace(doubt=d)
+            for r, p, d in zip(records, checked, doubts, strict=False)
+        ]
         judge = task.judge
         third = None
         if judge is not None:
-            third = _measure(_ready(judge, parity.check(judge, loop), records))
+            last = _ready(judge, parity.check(judge, loop), records)
+            third = _measure(last._replace(doubt=doubts[2]))
         loop = _alike(preflight.told_apart(records, loop), ready[0])
         measured = _confirmed(loop, _measured(ready))
     except IVToolsError as error:
@@ -265,6 +275,7 @@ class _Ready(NamedTuple):
     place: Array | None = None
     driven: bool = False  # by the recorded command
     ramp: bool = False
+    doubt: Doubt | None = None
 
 
 def _ready(record: Record, checked: Parity, records: Sequence[Record]) -> _Ready:
@@ -305,7 +316,8 @@ def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measur
         ):
             plain = replace(m.base.loop, controller=replace(loop.controller, delay=p.delay))
             p = replace(p, loop=plain, mismatch={}, tvalues={}, after=p.before, taken=False)
-            m = _measure(_Ready(_as_recorded(m), plain, p, m.fold.place))
+            again = _Ready(_as_recorded(m), plain, p, m.fold.place, doubt=m.fold.doubt)
+            m = _measure(again)
         kept.append(m)
     return tuple(kept)
 
@@ -333,7 +345,8 @@ def _answer(
     shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
     effects = (*at_controller, *result.named)
     tried = result.named if measured[-1].driven else effects  # its controller changes nothing
-    if tried and not verdict.lowers(shrink, simulated=not at_controller):
+    removed = cost(result.base) - cost(result.held)
+    if tried and not verdict.lowers(shrink, not at_controller, removed):
         found = [*found, verdict.no_better(effects, shrink)]
         effects, result = (), replace(result, fits=result.base, held=result.base, named=())
         shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
@@ -427,7 +440,7 @@ def _kept(m: Measured, rows: NDArray[np.bool_]) -> Measured:
 
 def _measure(ready: _Ready) -> Measured:
     """Fit the base model, and learn the floor."""
-    record, loop, checked, place, driven, ramp = ready
+    record, loop, checked, place, driven, ramp, doubt = ready
     if not driven and record.added is not None and "added" in checked.mismatch:
         record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
     scales = Scales(record, loop)
@@ -452,7 +465,7 @@ def _measure(ready: _Ready) -> Measured:
             "added to [model] terms"
         )
     level = floor.measure(fit, heard, left)
-    fold = replace(fold, whitener=level.whitener)
+    fold = replace(fold, whitener=level.whitener, doubt=doubt)
     fit = gauss_newton(fold, loop, fit.values, free, step)
     rough = float(np.mean(level.event_mask))
     return Measured(Side(fold, heard, scales, rough), fit, level, checked, driven)

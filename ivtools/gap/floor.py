@@ -144,7 +144,7 @@ def measure(fit: Fit, response: Response, raw: Array) -> Floor:
     rest = _project(columns, fit, raw, keep)
     for first in (True, False):
         quiet = _quiet(rest, keep, dt)
-        whitener = _autoregression(rest, quiet)
+        whitener = autoregression(rest, quiet)
         white = signal.lfilter(whitener, [1.0], rest)
         taken = (columns.shape[1] + fit.J.shape[1] + NOISE_ORDER) / max(int(keep.sum()), 1)
         scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, FREE))  # degrees of freedom
@@ -234,7 +234,7 @@ def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
     return mask if mask.sum() > PER_COEFFICIENT * NOISE_ORDER else keep
 
 
-def _autoregression(x: Array, mask: Mask) -> Array:
+def autoregression(x: Array, mask: Mask) -> Array:
     """Return the whitening polynomial of the masked samples by the Yule-Walker equations."""
     x = np.where(mask, x, 0.0)
     pairs = [float(mask[k:].astype(float) @ mask[: len(x) - k]) for k in range(NOISE_ORDER + 1)]

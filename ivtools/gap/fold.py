@@ -21,7 +21,17 @@ from ..loop import ClosedLoop, Simulation
 from ..record import Record
 from .library import Scales
 from .response import Response
-from .rules import AT_LIMIT, BLOCK, DIVERGED, LEAST_BLOCK, NEAR_LIMIT, REST, STANDING, TRANSIENT
+from .rules import (
+    AT_LIMIT,
+    BLOCK,
+    DIVERGED,
+    LEAST_BLOCK,
+    NEAR_LIMIT,
+    REST,
+    STANDING,
+    TOLD_APART,
+    TRANSIENT,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,6 +39,30 @@ Mask = NDArray[np.bool_]
 
 Values = Mapping[str, float]
 T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """What is not known of a load, as that of a robot's links: the sizes of some forces.
+
+    Parameters
+    ----------
+    t : ndarray, (n_samples,)
+        Time of a record, s.
+    answers : ndarray, (n_samples, m)
+        What the command, N or N m, answers to a unit of each size.
+    mean, precision : ndarray, (m,) and (m, m)
+        What is known of the sizes from elsewhere; a precision of 0 is nothing.
+    """
+
+    t: Array
+    answers: Array
+    mean: Array
+    precision: Array
+
+    def on(self, record: Record) -> Array:
+        """Return the answers on that record, or a part of it, (n_samples, m)."""
+        return self.answers[np.searchsorted(self.t, record.t)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +83,8 @@ class Fold:
         Where forces that depend on the position act, if not where the simulation is.
     ramp : bool
         Whether an added input goes straight from sample to sample; else it is held.
+    doubt : Doubt, optional
+        What is not known of the load: every error counts as much as that leaves of it.
     """
 
     record: Record
@@ -58,6 +94,7 @@ class Fold:
     label: str = "record"
     place: Array | None = None
     ramp: bool = False
+    doubt: Doubt | None = None
 
     @property
     def n_kept(self) -> int:
@@ -77,9 +114,35 @@ class Fold:
 
     def white(self, x: Array) -> Array:
         """Whiten signals along the first axis and keep the samples that count."""
+        return self._discounted(self._white(x))
+
+    def _white(self, x: Array) -> Array:
         if len(self.whitener) == 1:
             return (self.whitener[0] * x)[self.keep]
         return signal.lfilter(self.whitener, [1.0], x, axis=0)[self.keep]
+
+    @cached_property
+    def _doubted(self) -> tuple[Array, Array]:
+        """Orthonormal directions (n_kept, k) of doubt, and by which share each is discounted."""
+        assert self.doubt is not None
+        A = self._white(self.doubt.on(self.record))
+        both = A.T @ A + self.doubt.precision
+        size = np.maximum(np.sqrt(np.diag(both)), 1e-300)
+        values, vectors = np.linalg.eigh(both / size / size[:, np.newaxis])
+        known = values > TOLD_APART * values[-1]
+        turn = vectors[:, known] / np.sqrt(values[known]) / size[:, np.newaxis]
+        basis, shares, _ = np.linalg.svd(A @ turn, full_matrices=False)
+        return basis, 1.0 - np.sqrt(np.maximum(1.0 - shares**2, 0.0))
+
+    def _discounted(self, white: Array) -> Array:
+        """Return whitened errors in the metric (1 + A C A')^-1/2: noise and doubt are white there.
+
+        A are the whitened answers, C is the covariance of the sizes.
+        """
+        if self.doubt is None:
+            return white
+        basis, shares = self._doubted
+        return np.asarray(white - (basis * shares) @ (basis.T @ white))
 
     @cached_property
     def _heard(self) -> Response:
@@ -90,7 +153,7 @@ class Fold:
 
     def answers(self, forces: Array) -> Array:
         """Return the change of the whitened error by forces in the columns, (n_kept, m)."""
-        return -self._heard(forces).T[:, self.keep].T
+        return self._discounted(-self._heard(forces).T[:, self.keep].T)
 
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""
@@ -115,6 +178,8 @@ class Fold:
     def judged(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return the whitened force error of a simulation, (n_kept,); large if it diverged."""
         e = self.gap(loop, simulation)
+        if self.doubt is not None:
+            e = e - self.doubt.on(self.record) @ self.doubt.mean
         return self.white(e) if np.isfinite(e[-1]) else np.full(self.n_kept, DIVERGED)
 
     def only(self, keep: Mask, label: str) -> Fold:

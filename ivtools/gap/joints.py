@@ -20,8 +20,10 @@ from ..record import Record
 from ..results import FitResults
 from .diagnose import diagnose
 from .diagnosis import Diagnosis
+from .links import Links, measure
 from .robot_diagnosis import Coupled, RobotDiagnosis
-from .rules import FAINT
+from .rules import FAINT, ROUNDS
+from .verdict import lowers
 
 Array = NDArray[np.float64]
 
@@ -71,26 +73,35 @@ def diagnose_robot(
     say("identifying the robot")
     plain, notes = identified(record, loop)
     found: dict[str, Diagnosis] = {}
-    for j in wanted:
-        say(f"joint {loop.joints[j]}")
-        found[loop.joints[j]] = _joint(j, record, holdout, plain, settings)
-    named = {name: d for name, d in found.items() if d.effects}
-    better, problem = plain, plain.problem
-    if named and problem is not None:
-        better, more = identified(record, with_effects(loop, named), problem.pipeline)
+    named: dict[str, Diagnosis] = {}
+    better, records = plain, [one for one in (record, holdout) if one is not None]
+    told: dict[Record, Links | None] = {}
+    for again in range(ROUNDS):
+        told = {one: measure(better, one, told.get(one)) for one in records}
+        for j in wanted:
+            name = loop.joints[j]
+            say(f"joint {name}" + (", beside the other joints' effects" if again else ""))
+            own = named[name].effects if name in named else ()
+            found[name] = _joint(j, told, better, settings, without=own)
+        last, named = named, {name: d for name, d in found.items() if d.effects}
+        if plain.problem is None or _effects(named) == _effects(last):
+            break
+        better, more = identified(record, with_effects(loop, named), plain.problem.pipeline)
         notes = (*notes, *more)
-        for name in named if len(named) > 1 else ():
-            say(f"joint {name}, beside the other joints' effects")
-            j = loop.robot.joint(name)
-            found[name] = _joint(j, record, holdout, better, settings, without=named[name].effects)
-        kept = {name: found[name] for name in named if found[name].effects}
-        if {n: d.effects for n, d in kept.items()} != {n: d.effects for n, d in named.items()}:
-            better, more = identified(record, with_effects(loop, kept), problem.pipeline)
-            notes = (*notes, *more)
+        wanted = [j for j in wanted if _open(loop.joints[j], found)]
     say("the coupled simulation")
     other = record if holdout is None else holdout
     coupled = Coupled(*(errors(fit, other) for fit in (plain, better)))
     return RobotDiagnosis(record.name, loop.name, found, plain, better, coupled, notes)
+
+
+def _effects(found: Mapping[str, Diagnosis]) -> dict[str, tuple[str, ...]]:
+    return {name: d.effects for name, d in found.items()}
+
+
+def _open(joint: str, found: Mapping[str, Diagnosis]) -> bool:
+    """Whether links that were estimated with what is named may change what is said of a joint."""
+    return found[joint].verdict != "adequate"
 
 
 def identified(
@@ -109,19 +120,17 @@ def identified(
 
 def _joint(
     j: int,
-    record: Record,
-    holdout: Record | None,
+    told: Mapping[Record, Links | None],
     fit: FitResults,
     settings: Mapping[str, Any],
     without: Sequence[str] = (),
 ) -> Diagnosis:
     """Diagnose one joint under the loads that the links of a fit put on it."""
-    loaded = [
-        None if one is None else alone(j, one, fit, without).record for one in (record, holdout)
-    ]
-    first = loaded[0]
-    assert first is not None
-    return heard(diagnose(first, alone(j, record, fit, without).loop, loaded[1], **settings))
+    name = fit.problem.loop.joints[j]  # type: ignore[union-attr]
+    parts = [alone(j, one, fit, without) for one in told]
+    other = parts[1].record if len(parts) > 1 else None
+    doubts = [None if links is None else links.doubt(name) for links in told.values()]
+    return heard(diagnose(parts[0].record, parts[0].loop, other, doubts=doubts, **settings))
 
 
 def heard(diagnosis: Diagnosis) -> Diagnosis:
@@ -131,7 +140,7 @@ def heard(diagnosis: Diagnosis) -> Diagnosis:
     that lowers the joint's error by less than `FAINT` may be that.
     """
     s = diagnosis.shrink
-    if not diagnosis.effects or s is None or s.after < (1.0 - FAINT) * s.before:
+    if not diagnosis.effects or s is None or lowers(s, True, diagnosis.chi[0] - diagnosis.chi[1]):
         return diagnosis
     names = ", ".join(diagnosis.effects)
     said = f"{names} would lower the force error by less than {100 * FAINT:g} %: not named"
@@ -197,7 +206,12 @@ def _axis(
 
 
 def with_effects(loop: RobotLoop, named: Mapping[str, Diagnosis]) -> RobotLoop:
-    """Return the robot with what its joints' diagnoses named, as far as a robot can have it."""
+    """Return the robot with what its joints' diagnoses named, as far as a robot can have it.
+
+    The effects keep the values that the diagnoses found, on all samples; a robot is identified
+    from those that move, where a friction at slow speed hardly shows.
+    """
+    held = list(loop.held)
     for joint, diagnosis in named.items():
         for effect in diagnosis.effects:
             if effect in _TWO_MASSES:
@@ -207,7 +221,8 @@ def with_effects(loop: RobotLoop, named: Mapping[str, Diagnosis]) -> RobotLoop:
                 loop = loop.with_effect(joint, effect, **values)
             except (AxisError, KeyError, TypeError):  # a fault of the controller, say
                 continue
-    return loop
+            held += [n for n in loop.base.names if n.startswith(f"{joint}.{effect}.")]
+    return replace(loop, held=tuple(held))
 
 
 def errors(fit: FitResults, record: Record) -> dict[str, float]:

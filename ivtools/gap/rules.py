@@ -126,6 +126,8 @@ BEYOND = 0.05
 COMMON = 0.3
 #: Samples of a block at least (numerics: its sum is as a normal one's).
 LEAST_BLOCK = 20
+#: Square of a singular value, of the largest, below which sizes of forces are one (numerics).
+TOLD_APART = 1e-9
 #: Numbers of stretches into which a record that judges itself may be cut (training).
 STRETCHES = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 
@@ -354,6 +356,17 @@ LEAST_BLOCKS = 10
 #: Share of the force error by which names must lower it (judgement: of two false names, on a
 #: healthy arm and a healthy axis with encoder noise, the larger lowered it by 0.0005).
 FAINT = 0.005
+#: Share of a link's force on a joint that the joint's own inertia and frictions do not have, below
+#: which it is theirs (numerics).
+OWN = 1e-3
+#: Times that the joints of a robot are diagnosed at most, beside what was named before (cost).
+ROUNDS = 2
+#: Of the largest singular value: what is below is nothing (numerics: rounding of a product).
+SINGULAR = 1e-12
+#: Share of the force by which a step of a robot's parameter changes it (numerics).
+LINK_STEP = 1e-3
+#: Whitened energy that is worth a name even so (judgement: that false name removed 0.02).
+HEARD = 0.05
 #: Share of the gap below which an effect closes nothing by itself (training).
 NOTHING_ALONE = 0.02
 #: Share of the reducible gap whose names need no other answer to be compared with (training).

@@ -27,6 +27,7 @@ from .rules import (
     CHANGED_T,
     EXPLAINED,
     FAINT,
+    HEARD,
     OVER_FLOOR,
     REPEATS,
     SHORT,
@@ -146,7 +147,7 @@ def decide(
     return "non-repeatable" if _moved(result) else "unexplained"
 
 
-def lowers(shrink: Shrink, simulated: bool) -> bool:
+def lowers(shrink: Shrink, simulated: bool, removed: float) -> bool:
     """Whether effects lower the held-out force error.
 
     Parameters
@@ -155,7 +156,12 @@ def lowers(shrink: Shrink, simulated: bool) -> bool:
     simulated : bool
         Whether all were named by simulation, and not at the controller, which a wrong setting of
         may change the force little: then by enough to be worth a name.
+    removed : float
+        Whitened energy that they remove; 1 is the floor. Where fast noise is most of the force
+        error, no effect lowers it by much, and an energy that stands out of the noise counts.
     """
+    if simulated and removed > HEARD:
+        return shrink.after < (1.0 + FAINT) * shrink.before
     return shrink.after < (1.0 - FAINT * simulated) * shrink.before
 
 

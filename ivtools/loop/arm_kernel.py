@@ -246,13 +246,14 @@ def run(dt, least, laws, outside, quantum, arm, user, work, out):
         for i in range(counts.size):
             h = (spans[i + 1] - spans[i]) / counts[i]
             for j in range(n):
+                p[j]["outside"] = outside.force[j, k] if outside.force.size else 0.0
                 new = k + 1 if spans[i] >= parts[j] else k
                 target[j] = p[j]["gain"] * sent[j, new]
                 lead[j] = force[j] - target[j]
             for m in range(counts[i]):
                 for j in range(n):
                     tau[j] = target[j] + lead[j] * lines[i, j, 0]
-                    tau[j] += outside.force[j, k] if outside.force.size else 0.0
+                    tau[j] += p[j]["outside"]
                     rise[j] = lead[j] * (lines[i, j, 1] - lines[i, j, 0]) / h
                     lead[j] *= lines[i, j, 2]
                 t = k * dt + spans[i] + m * h

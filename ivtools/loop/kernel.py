@@ -157,7 +157,7 @@ def run(
             )  # fmt: skip
         law[delay + k] = value
         sent[whole + 1 + k] = out[3, k] = min(max(law[k], -limit), limit) + added[k]
-        outside = force_noise[k] if force_noise.size else 0.0
+        outside = p["outside"] = force_noise[k] if force_noise.size else 0.0
         if rigid:
             tau = gain * sent[k + 1] + outside
             q, v, a = rigid_step(q, v, tau, pace, p, on, user)

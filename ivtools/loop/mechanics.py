@@ -22,8 +22,9 @@ _SWITCHES = ("own", "effects", "beyond", "two", "sign")
 OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user's own laws
 # what follows from the parameters: two inertias, the share of the friction that sits on the load,
 # what of the offset it hands back to the motor, stiffness, damping and gap between the masses, the
-# stiffness of a bristle, and how far apart the place of spatial forces is from the position
-_DERIVED = ("motor", "load", "share", "shift", "k", "c", "gap", "bristle", "apart")
+# stiffness of a bristle, how far apart the place of spatial forces is from the position, and the
+# force from outside in what is given as tau, which no drive transmits
+_DERIVED = ("motor", "load", "share", "shift", "k", "c", "gap", "bristle", "apart", "outside")
 _NAMES = (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN, *_DERIVED)
 # integration steps per sample, and terms of the series of a vibration
 PARAMETERS = np.dtype([(n, float) for n in _NAMES] + [("steps", np.int64), ("terms", np.int64)])
@@ -116,13 +117,13 @@ def user_law(terms):
 @compiled
 def extra_resistance(q, v, s, tau, t, p, on, user):
     """Return the force of the effects that oppose a motion in direction s, N."""
-    f, laws, place = 0.0, on["laws"] & ~_NET, q + p["apart"]
+    f, laws, place, sent = 0.0, on["laws"] & ~_NET, q + p["apart"], tau - p["outside"]
     while laws:
         bit = laws & -laws
-        f += _law(bit, place, v, s, tau, t, p)
+        f += _law(bit, place, v, s, sent, t, p)
         laws ^= bit
     if on["own"]:
-        f += _own_law(place, v, s, tau, t, p, user)
+        f += _own_law(place, v, s, sent, t, p, user)
     net = on["laws"] & _NET
     if net:
         drives = tau - f - plain_resistance(q, v, s, tau, t, p)
