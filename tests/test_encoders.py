@@ -49,7 +49,8 @@ def test_healthy_robots_raise_no_doubt(seed):
 
 
 def _unlimited(robot):
-    joints = tuple(replace(j, lower=-np.inf, upper=np.inf) for j in robot.joints)
+    free = {"lower": -np.inf, "upper": np.inf, "speed": np.inf, "effort": np.inf}
+    joints = tuple(replace(j, **free) for j in robot.joints)
     return replace(robot, joints=joints)
 
 
@@ -74,3 +75,15 @@ def test_positions_beyond_the_range_are_said():
     loop = six_loop()
     said = doubts(loop, counted(measured(loop, 0), 1, shift=-2.5))
     assert any("joint_2: positions" in s and "beyond its range, -2 to 2 rad" in s for s in said)
+
+
+def test_speeds_and_forces_beyond_their_limits_are_said():
+    loop = six_loop()
+    record = measured(loop, 0)
+    wide = _unlimited(loop.robot)
+    slow = (wide.joints[0], replace(wide.joints[1], speed=0.1), *wide.joints[2:4])
+    weak = (replace(wide.joints[4], effort=1.0), wide.joints[5])
+    said = doubts(replace(loop, robot=replace(wide, joints=(*slow, *weak))), record)
+    assert len(said) == 2
+    assert re.match(r"joint_2: speeds up to .* rad/s are beyond its limit, 0.1 rad/s", said[0])
+    assert re.match(r"joint_5: forces up to .* N m are beyond its limit, 1 N m", said[1])

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MARGIN = 0.02  # of the range of a joint, by which it may be passed
+OVER = 0.05  # of a limit of speed or force, by which it may be passed
 BETTER = 0.75  # share of what is left that another direction or zero position may leave at most
 POOR = 0.02  # share of the force's variance that a model in doubt leaves
 _LEAST = 1e-3  # share below which a joint is explained
@@ -40,7 +41,7 @@ class Told(NamedTuple):
 
 
 def doubts(loop: RobotLoop, record: Record) -> list[str]:
-    """Return what speaks against the zero positions, directions and ranges of a record's angles.
+    """Return what speaks against the zero positions, directions and limits of a record's joints.
 
     The force of the links, as the robot's file states them, is compared with the measured one,
     friction apart. Where another direction or zero position of one joint explains much more, that
@@ -57,6 +58,7 @@ def doubts(loop: RobotLoop, record: Record) -> list[str]:
     if loop.transmission is not None or at_rest(record).all():
         return found
     motion, force = _sampled(loop, record)
+    found += _over(loop, motion, force)
     now = _told(loop, motion, force)
     options = {
         (j, name): _told(loop, _changed(motion, j, name), force)
@@ -93,6 +95,25 @@ def _beyond(loop: RobotLoop, record: Record) -> list[str]:
                 f"{joint.name}: positions {x.min():.3g} to {x.max():.3g} {unit} are beyond its "
                 f"range, {low:.3g} to {high:.3g} {unit}: another zero position, or unit?"
             )
+    return found
+
+
+def _over(loop: RobotLoop, motion: Motion, force: Array) -> list[str]:
+    """Return which joints are faster, or pushed harder, than the robot's file allows."""
+    found = []
+    for j, (joint, axis) in enumerate(zip(loop.robot.joints, loop.axes, strict=True)):
+        slides = joint.kind == "prismatic"
+        for what, signal, most, unit in (
+            ("speeds", motion.dq, joint.speed, "m/s" if slides else "rad/s"),
+            ("forces", force, joint.effort, "N" if slides else "N m"),
+        ):
+            largest = float(np.abs(signal[:, j]).max())
+            if 0.0 < most < largest / (1.0 + OVER):  # a file may write 0 for none
+                also = " or gain" if what == "forces" and axis.gain != 1.0 else ""
+                found.append(
+                    f"{joint.name}: {what} up to {largest:.3g} {unit} are beyond its limit, "
+                    f"{most:.3g} {unit}: another unit{also}, or is the limit stale?"
+                )
     return found
 
 
