@@ -108,7 +108,7 @@ def _over(loop: RobotLoop, motion: Motion, force: Array) -> list[str]:
             ("forces", force, joint.effort, "N" if slides else "N m"),
         ):
             largest = float(np.abs(signal[:, j]).max())
-            if 0.0 < most < largest / (1.0 + OVER):  # a file may write 0 for none
+            if largest > (1.0 + OVER) * most:
                 also = " or gain" if what == "forces" and axis.gain != 1.0 else ""
                 found.append(
                     f"{joint.name}: {what} up to {largest:.3g} {unit} are beyond its limit, "
