@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
+import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -155,16 +156,42 @@ def noise(axis: Axis, rng: np.random.Generator) -> Term:
     )  # fmt: skip
 
 
-def case(seed: int, hidden: str | None) -> dict[str, Any]:
-    """Draw one case, diagnose it, export it, and score both."""
+@dataclass(frozen=True)
+class Drawn:
+    """A drawn case: models as text, and the logs that a user would have.
+
+    Attributes
+    ----------
+    axis, other : Axis
+        As the user's model has it, and as it is.
+    own : ClosedLoop
+        The user's axis.
+    models : mapping of str to (str, mapping)
+        The user's model, that with the true base parameters, and the truth; each with the forces
+        beside it.
+    real, sim : tuple of Record
+        Record and hold-out, of the truth and of the user's model.
+    """
+
+    hidden: str | None
+    axis: Axis
+    other: Axis
+    own: iv.ClosedLoop
+    models: dict[str, tuple[str, dict[Any, tuple[float, ...]]]]
+    real: tuple[iv.Record, iv.Record]
+    sim: tuple[iv.Record, iv.Record]
+
+    @property
+    def driven(self) -> iv.ClosedLoop | None:
+        """The axis whose controller drives the models, if they have none of their own."""
+        return self.own if self.axis.motor else None
+
+
+def drawn(seed: int, hidden: str | None, folder: Path) -> Drawn:
+    """Draw one case; its models are written into a folder."""
     rng = np.random.default_rng([15, seed, 0 if hidden is None else 1 + HIDDEN.index(hidden)])
     axis = draw(rng, motor=hidden == "drive-timing")
-    with tempfile.TemporaryDirectory() as folder:
-        return {"hidden": hidden or "", "seed": seed, **_run(axis, hidden, rng, Path(folder))}
-
-
-def _run(axis: Axis, hidden: str | None, rng: np.random.Generator, folder: Path) -> dict[str, Any]:
-    user, true = folder / "user.xml", folder / "true.xml"
+    user, base, true = (folder / f"{name}.xml" for name in ("user", "base", "true"))
     user.write_text(xml(axis))
     scale = rng.uniform(0.85, 1.2, 3)
     other = replace(
@@ -178,7 +205,6 @@ def _run(axis: Axis, hidden: str | None, rng: np.random.Generator, folder: Path)
     if not axis.motor:
         mine, theirs = (t[t.index("<position") :] for t in (xml(axis), text))
         text = text.replace(theirs, mine)
-    base = folder / "base.xml"
     base.write_text(text)
     values = {} if hidden is None else size(axis, hidden, rng)
     beside: dict[Any, tuple[float, ...]] = {}
@@ -187,41 +213,58 @@ def _run(axis: Axis, hidden: str | None, rng: np.random.Generator, folder: Path)
     else:
         from ivtools.simulators.mjcf_export import export
 
-        theirs_loop = iv.ClosedLoop.from_mjcf(base, "x").with_effect(hidden, **values)
-        made = export(base, "x", theirs_loop, theirs_loop.values(theirs_loop.start))
+        loop = iv.ClosedLoop.from_mjcf(base, "x").with_effect(hidden, **values)
+        made = export(base, "x", loop, loop.values(loop.start))
         beside = made.beside
         made.write(true)
     driven = own if axis.motor else None
-    simulate = {
-        "user": iv.MujocoSimulator(user, "x", loop=driven),
-    }
     references = [reference(axis, rng) for _ in range(2)]
-    real = [
-        iv.MujocoSimulator(
-            true, "x", loop=driven, beside={**beside, noise(axis, rng): ()}
-        ).simulate(r)
-        for r in references
-    ]  # fmt: skip
-    sim = [simulate["user"].simulate(r) for r in references]
+    truths = (
+        iv.MujocoSimulator(true, "x", loop=driven, beside={**beside, noise(axis, rng): ()})
+        for _ in references
+    )
+    real = [model.simulate(r) for model, r in zip(truths, references, strict=True)]
+    model = iv.MujocoSimulator(user, "x", loop=driven)
+    sim = [model.simulate(r) for r in references]
+    models = {"user": (user, {}), "plain": (base, {}), "true": (true, beside)}
+    return Drawn(
+        hidden, axis, other, own, {n: (p.read_text(), b) for n, (p, b) in models.items()},
+        (real[0], real[1]), (sim[0], sim[1]),
+    )  # fmt: skip
+
+
+def case(seed: int, hidden: str | None) -> dict[str, Any]:
+    """Draw one case, diagnose it, export it, and score both."""
+    with tempfile.TemporaryDirectory() as folder:
+        one = drawn(seed, hidden, Path(folder))
+        out = {"hidden": hidden or "", "seed": seed}
+        out |= {f"error_{n}": _error(one, *m, Path(folder)) for n, m in one.models.items()}
+        return {**out, **scored(one, Path(folder))}
+
+
+def scored(one: Drawn, folder: Path) -> dict[str, Any]:
+    """Diagnose a case, export it, and score both."""
+    begin, axis, hidden = time.process_time(), one.axis, one.hidden
     try:
-        found = iv.diagnose(real[0], own, real[1], simulated=sim[0], simulated_holdout=sim[1])
+        found = iv.diagnose(
+            one.real[0], one.own, one.real[1], simulated=one.sim[0], simulated_holdout=one.sim[1]
+        )
     except IVToolsError as error:
-        return {"joint": axis.slide, "error": str(error)}
+        return {"slide": axis.slide, "error": str(error)}
     out: dict[str, Any] = {
         "slide": axis.slide, "pendulum": axis.pendulum > 0.0, "motor": axis.motor,
-        "inertia": axis.inertia, "rate": axis.rate,
+        "inertia": axis.inertia, "rate": axis.rate, "seconds": time.process_time() - begin,
         "verdict": found.verdict, "named": " ".join(found.effects),
         "surplus": " ".join(found.surplus), "findings": "; ".join(f.text for f in found.findings),
     }  # fmt: skip
     out["right"] = set(found.effects) == ({hidden} if hidden else set()) and not found.surplus
     out["wrong"] = bool(set(found.effects) - {hidden}) or bool(found.surplus)
-    models = {"user": (user, {}), "plain": (base, {}), "true": (true, beside)}
-    out |= {f"error_{n}": _error(*m, driven, real[1]) for n, m in models.items()}
     if found.changes:
-        out |= _changes(found, own, axis, other)
+        out |= _changes(found, one.own, axis, one.other)
+        user = folder / "user.xml"
+        user.write_text(one.models["user"][0])
         made = found.to_mjcf(user, "x")
-        better = made.write(user.with_name("better.xml"))
-        out["error_exported"] = _error(better, made.beside, driven, real[1])
+        out["error_exported"] = _error(one, made.xml, made.beside, folder)
     return out
 
 
@@ -241,10 +284,12 @@ def _changes(found: Any, own: iv.ClosedLoop, axis: Axis, other: Axis) -> dict[st
     return out
 
 
-def _error(path: Path, beside: Any, loop: Any, real: iv.Record) -> float:
+def _error(one: Drawn, text: str, beside: Any, folder: Path) -> float:
     """Return the force error of a model in MuJoCo on the hold-out; NaN if it diverges."""
+    path, real = folder / "tried.xml", one.real[1]
+    path.write_text(text)
     try:
-        done = iv.MujocoSimulator(path, "x", loop=loop, beside=beside).simulate(real)
+        done = iv.MujocoSimulator(path, "x", loop=one.driven, beside=beside).simulate(real)
     except IVToolsError:
         return float("nan")
     return float(np.sqrt(np.mean((done.nu - real.nu) ** 2)))
