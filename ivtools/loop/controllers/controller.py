@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from .law import LinearLaw
 from .seen import FEEDFORWARDS
 from .velocity import AT_THE_SAMPLE, WAYS, backward_difference, shown
 
+_SHOWN: WeakKeyDictionary[Record, tuple[float, ...]] = WeakKeyDictionary()
 ANTI_WINDUP = ("clamp", "back-calculation", "none")
 COMMON = (
     "kind",
@@ -199,7 +201,8 @@ class Controller:
             return self
         if record.dq is None:
             return self
-        found = shown(record.q[:, 0], record.dq[:, 0], record.dt)
+        if (found := _SHOWN.get(record)) is None:
+            found = _SHOWN[record] = shown(record.q[:, 0], record.dq[:, 0], record.dt)
         return replace(self, velocity="differences", velocity_filter=found)
 
     def with_mismatch(self, **changes: float) -> Controller:
