@@ -52,6 +52,32 @@ def test_a_simulator_that_is_the_axis_lacks_nothing(loop, short):
         assert abs(change.change) < 4.0 * change.std_error + 1e-3 * abs(change.real), name
 
 
+def test_intervals_of_changes_hold_what_was_changed(loop, short):
+    real = log(loop, short, noise=1.0)
+    gap = iv.diagnose(real, loop, simulated=log(loop, short, inertia=90.0, viscous=220.0))
+    assert gap.effects == ()
+    for name, true in {"inertia": 5.0, "viscous": -20.0, "coulomb": 0.0, "offset": 0.0}.items():
+        change = gap.changes[name]
+        assert change.interval[0] < true < change.interval[1], name
+        reach = change.interval[1] - change.change
+        assert 1.96 * change.std_error < reach < 2.3 * change.std_error
+    assert gap.to_dict()["changes"]["inertia"]["interval"] == list(gap.changes["inertia"].interval)
+
+
+def test_a_spring_by_a_pendulum_over_a_short_arc_is_said_by_both_names(loop, short):
+    hinge = replace(loop, joint="revolute").with_terms(*(t.name for t in loop.terms), "gravity")
+    weight = {"gravity.sin": 400.0, "gravity.cos": 0.0}
+    axis = hinge.with_effect("spring", stiffness=150.0, curvature=0.0)
+    real = log(axis, short, noise=1.0, **weight)
+    gap = iv.diagnose(real, hinge, simulated=log(hinge, short, **weight))
+    assert gap.effects == () and gap.ambiguous_with["gravity"] == ["spring"]
+    assert gap.changes["gravity.sin"].change == pytest.approx(150.0, rel=0.05)
+    (said,) = [text for text in gap.advice if text.startswith("gravity changes, or")]
+    assert "spring (stiffness 15" in said and "the records cannot tell" in said
+    alone = iv.diagnose(log(hinge, short, noise=1.0, **weight), hinge, simulated=log(hinge, short))
+    assert "gravity changes, or your simulator lacks spring" in " ".join(alone.advice)
+
+
 def test_an_effect_that_only_the_axis_has_is_named(loop, short):
     axis = loop.with_effect("cogging", cosine=2.5, sine=1.0, period=0.004)
     real = log(axis, short, noise=1.0)

@@ -245,6 +245,7 @@ def case(seed: int, hidden: str | None) -> dict[str, Any]:
 def scored(one: Drawn, folder: Path) -> dict[str, Any]:
     """Diagnose a case, export it, and score both."""
     begin, axis, hidden = time.process_time(), one.axis, one.hidden
+    own = {term.name for term in one.own.terms}
     try:
         found = iv.diagnose(
             one.real[0], one.own, one.real[1], simulated=one.sim[0], simulated_holdout=one.sim[1]
@@ -257,7 +258,10 @@ def scored(one: Drawn, folder: Path) -> dict[str, Any]:
         "verdict": found.verdict, "named": " ".join(found.effects),
         "surplus": " ".join(found.surplus), "findings": "; ".join(f.text for f in found.findings),
     }  # fmt: skip
-    out["right"] = set(found.effects) == ({hidden} if hidden else set()) and not found.surplus
+    either = [e for n, others in found.ambiguous_with.items() if n in own for e in others]
+    out["either"] = " ".join(either)
+    exact = set(found.effects) == ({hidden} if hidden else set()) and not found.surplus
+    out["right"] = exact or (not found.effects and either == [hidden])
     out["wrong"] = bool(set(found.effects) - {hidden}) or bool(found.surplus)
     if found.changes:
         out |= _changes(found, one.own, axis, one.other)
@@ -268,9 +272,9 @@ def scored(one: Drawn, folder: Path) -> dict[str, Any]:
     return out
 
 
-def _changes(found: Any, own: iv.ClosedLoop, axis: Axis, other: Axis) -> dict[str, float]:
-    """Return how far each base parameter's change is off, and by how many standard errors."""
-    out = {}
+def _changes(found: Any, own: iv.ClosedLoop, axis: Axis, other: Axis) -> dict[str, Any]:
+    """Return how far each base parameter's change is off, and whether its interval holds it."""
+    out: dict[str, Any] = {}
     true = {
         "inertia": 1.5 * (other.inertia - axis.inertia),
         "viscous": other.viscous - own.start["viscous"],
@@ -281,6 +285,7 @@ def _changes(found: Any, own: iv.ClosedLoop, axis: Axis, other: Axis) -> dict[st
         if got is not None:
             out[f"{name}_off"] = (got.change - change) / abs(own.start[name] + change)
             out[f"{name}_t"] = (got.change - change) / got.std_error
+            out[f"{name}_held"] = got.interval[0] <= change <= got.interval[1]
     return out
 
 
@@ -307,18 +312,22 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     """Return the score by hidden effect, of those that show.
 
     An effect shows if the truth without it errs by half more than the truth: what is smaller
-    drowns in the noise, or in a pendulum that swings on its own.
+    drowns in the noise, or in a pendulum that swings on its own. `either`: not named by itself, for
+    a change of what the simulator has would do the same, which is said with the effect's name.
     """
     hidden = table.hidden.fillna("")
     table = table.assign(
         hidden=hidden.replace("", "none"),
         close=table.error_exported <= 1.15 * table.error_true,
         named_any=table.named.fillna("") != "",
+        said=table.either.fillna("") == hidden.where(hidden != "", "-"),
         shows=(hidden == "") | (table.error_plain > SHOWS * table.error_true),
     )
     return table.groupby(["shows", "hidden"]).agg(
         cases=("seed", "size"), right=("right", "mean"), wrong=("wrong", "mean"),
-        named=("named_any", "mean"), close=("close", "mean"),
+        named=("named_any", "mean"), either=("said", "mean"), close=("close", "mean"),
+        inertia=("inertia_held", "mean"), viscous=("viscous_held", "mean"),
+        coulomb=("coulomb_held", "mean"), seconds=("seconds", "mean"),
     )  # fmt: skip
 
 

@@ -3,60 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import IVToolsError
-from ..estimators.input_error import CLIE
 from ..loop import ClosedLoop
-from ..problem import Problem
 from ..record import Record
-from ..simulators.difference import (
-    CREEPS,
-    Difference,
-    as_simulated,
-    brought,
-    difference,
-    dry,
-)
-from ..tables import Text, table
+from ..simulators.difference import Difference, as_simulated, brought, difference
+from ..units import quantity
+from .changes import changes, settled, twins
 from .diagnosis import Diagnosis
-from .rules import ALL_CLOSED, SAME_LOG, SECOND_ORDER, STICKS
+from .rules import ALL_CLOSED, SAME_LOG, SECOND_ORDER
 
 Diagnose = Callable[..., Diagnosis]  # of record, holdout and loop; named=False names nothing
-
-
-@dataclass(frozen=True)
-class Change:
-    """One parameter of the simulator, and what the axis has instead.
-
-    Attributes
-    ----------
-    simulator, real, change : float
-        As our model sees them, in `unit`.
-    std_error : float
-        Of the change; NaN where it is not known.
-    unit : str
-    """
-
-    simulator: float
-    real: float
-    change: float
-    std_error: float
-    unit: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the content as plain objects, ready for JSON."""
-        known = self.std_error if np.isfinite(self.std_error) else None
-        return {
-            "simulator": self.simulator,
-            "real": self.real,
-            "change": self.change,
-            "std_error": known,
-            "unit": self.unit,
-        }
 
 
 def against(
@@ -69,14 +30,17 @@ def against(
 ) -> Diagnosis:
     """Diagnose what a simulator lacks; see `ivtools.diagnose`.
 
-    First what the axis has and the simulator has not; if that leaves something, or names a law of
-    friction, of which less looks like more of another, the other way round as well: a simulator may
-    have too much of an effect that cannot be negative.
+    First what the axis has and the simulator has not; if that leaves more than is negligible, or
+    names a law of friction, of which less looks like more of another, the other way round as well:
+    a simulator may have too much of an effect that cannot be negative.
     """
     pairs = [(record, simulated), (holdout, simulated_holdout)]
     logs = [brought(a, b, loop) for a, b in pairs if a is not None and b is not None]
-    loop = as_simulated(loop.known(record), logs[0][1])
-    lacking = [difference(real, sim, loop, notes) for real, sim, notes in logs]
+    loop, base = as_simulated(loop.known(record), logs[0][1])
+    lacking = [
+        difference(real, sim, loop, notes, base if k == 0 else None)
+        for k, (real, sim, notes) in enumerate(logs)
+    ]
     if all(_parted(pair, loop) < SAME_LOG * _rms(loop.force(pair.real)) for pair in lacking):
         same = diagnose(*_records(lacking), loop, named=False)
         return _told(replace(same, verdict="adequate", discrepancy=None), lacking, False)
@@ -84,7 +48,8 @@ def against(
     answers = [(found, lacking, False)]
     alike = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
     enough = _closed(found) >= ALL_CLOSED and len(found.effects) == 1 and not alike
-    if found.verdict != "adequate" and not enough:
+    nothing = found.verdict == "adequate" or (found.negligible and not found.effects)
+    if not nothing and not enough:
         try:
             turned = [difference(sim, real, loop, notes) for real, sim, notes in logs]
             answers.append((diagnose(*_records(turned), loop), turned, True))
@@ -138,96 +103,35 @@ def _closed(found: Diagnosis) -> float:
 
 def _told(found: Diagnosis, pairs: list[Difference], surplus: bool) -> Diagnosis:
     """Return a diagnosis that speaks of the simulator."""
-    made = changes(found, pairs[0], surplus)
+    fit, stuck = settled(found, pairs[0])
+    made = changes(found, pairs[0], fit, stuck, surplus)
+    alike = {} if fit is None or surplus else twins(fit, pairs[0])
     whose = "the simulator has and the axis lacks" if surplus else "your simulator lacks"
     what = ", ".join(found.effects) or "nothing but other parameters"
-    notes = tuple(dict.fromkeys(note for pair in pairs for note in pair.notes))
-    creeps = "at standstill your simulator's friction creeps, the axis sticks"
-    told = (f"{whose}: {what}", *((creeps,) if sticks(found, pairs[0]) else ()), *notes)
+    told = [f"{whose}: {what}", *(_either(name, found, alike[name]) for name in alike)]
+    if stuck:
+        told.append("at standstill your simulator's friction creeps, the axis sticks")
+    notes = dict.fromkeys(note for pair in pairs for note in pair.notes)
+    others = {name: list(effects) for name, effects in alike.items()}
     return replace(
         found,
         changes=made,
         surplus=found.effects if surplus else (),
-        advice=(*told, *found.advice),
+        ambiguous_with={**found.ambiguous_with, **others},
+        advice=(*told, *notes, *found.advice),
+        whole=None,
+        alternatives=(),
     )
 
 
-def changes(found: Diagnosis, pair: Difference, surplus: bool) -> dict[str, Change]:
-    """Return what must change in the simulator, parameter by parameter.
-
-    The final loop is fitted to the difference once more, for its standard errors; an effect's
-    values are zero on the side that lacks it.
-    """
-    if not found.theta:
-        return {}
-    values, errors = _final(found, pair.record)
-    base = {str(n): float(v) for n, v in pair.base.params.items()}
-    if f"{CREEPS}.force" in base:
-        values = values if sticks(found, pair) else _whole(values)
-        base = _whole(base)
-    units = found.loop.units
-    sign = -1.0 if surplus else 1.0
-    out = {}
-    for name, value in values.items():
-        have = base.get(name, 0.0)
-        one, two = (value, have) if surplus else (have, value)
-        out[name] = Change(
-            simulator=one,
-            real=two,
-            change=sign * (value - have),
-            std_error=errors.get(name, float("nan")),
-            unit=units.get(name, ""),
-        )
-    return out
-
-
-def _final(found: Diagnosis, record: Record) -> tuple[dict[str, float], dict[str, float]]:
-    """Return values and standard errors of the final loop on the difference."""
-    loop = replace(found.loop, start={**found.loop.start, **found.theta})
-    try:
-        fit = CLIE(start="axis").fit(Problem(record, loop))
-    except IVToolsError:
-        return dict(found.theta), {}
-    if not fit.converged:
-        return dict(found.theta), {}
-    values = {str(name): float(value) for name, value in fit.params.items()}
-    errors = {str(name): float(value) for name, value in fit.std_errors.items()}
-    parts = ["coulomb", f"{CREEPS}.force"]
-    if set(parts) <= {*errors}:  # of the sum: the parts trade with each other
-        errors["coulomb"] = float(np.sqrt(max(fit.cov.loc[parts, parts].to_numpy().sum(), 0.0)))
-    return {**found.theta, **values}, errors
-
-
-def sticks(found: Diagnosis, pair: Difference) -> bool:
-    """Whether the axis sticks at standstill where its simulator creeps."""
-    base = {str(n): float(v) for n, v in pair.base.params.items()}
-    if f"{CREEPS}.force" not in base:
-        return False
-    return dry(found.theta) - max(dry(base), 0.0) > STICKS  # less than none is beside a pendulum
-
-
-def _whole(values: Mapping[str, float]) -> dict[str, float]:
-    """Return values with the friction that creeps in the Coulomb friction.
-
-    That it creeps is how a simulator computes friction, no setting of the axis.
-    """
-    both = values["coulomb"] + values[f"{CREEPS}.force"]
-    kept = {name: v for name, v in values.items() if not name.startswith(f"{CREEPS}.")}
-    return {**kept, "coulomb": both}
-
-
-def changes_table(made: dict[str, Change]) -> Text:
-    """Return the changes as a table."""
-    rows = [
-        [
-            name,
-            c.unit,
-            f"{c.simulator:.5g}",
-            f"{c.real:.5g}",
-            f"{c.change:+.3g}",
-            f"{c.std_error:.2g}" if np.isfinite(c.std_error) else "–",
-        ]
-        for name, c in made.items()
-    ]
-    header = ["parameter", "unit", "simulator", "real", "change", "std error"]
-    return table("Changes to your simulator", [], header, rows, left=2)
+def _either(name: str, found: Diagnosis, others: Mapping[str, Mapping[str, float]]) -> str:
+    """Return the sentence about a change that an effect would do as well."""
+    said = []
+    for effect, values in others.items():
+        units = found.loop.with_effect(effect).units
+        shown = (f"{n.partition('.')[2]} {quantity(v, units[n], 3)}" for n, v in values.items())
+        said.append(f"{effect} ({', '.join(shown)})")
+    return (
+        f"{name} changes, or your simulator lacks {' or '.join(said)}: the records cannot tell "
+        "which, and either closes the gap"
+    )

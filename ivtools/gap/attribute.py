@@ -25,6 +25,7 @@ from .library import library
 from .rules import (
     ADEQUATE,
     CLEAN,
+    DISCREPANCY_T,
     DRAWS,
     ENOUGH,
     LEAST_EVENNESS,
@@ -69,7 +70,8 @@ class Evidence:
     left : float
         Whitened energy that it and the effects named before it leave; 1 is the floor.
     explained : float
-        Share of the whole reducible gap that all named effects remove: the rest has no name.
+        Share of the whole reducible gap that no law without a name is needed for: named effects
+        remove it, or smooth laws of the state leave it as well.
     unlike : float
         Share of its gain that no smooth law of the state could have, known or not; 0 to 1.
     evenness : float
@@ -107,6 +109,7 @@ def evidence(
         The model with all that is named; without it, all that is left may yet get a name.
     """
     whole = max(float(np.mean([b.cost for b in base])) - 1.0, 1e-9)
+    lawless = float(np.mean([b.fold.smooth for b in base]))  # what is left then follows no law
     return Evidence(
         gain=float(np.min(trial.gains)),
         t=float(np.min(trial.t)),
@@ -114,7 +117,7 @@ def evidence(
         rival=max([0.0, *(r.gain / trial.gain for r in rivals)]),
         share=trial.removed / whole,
         left=float(np.mean([h.cost for h in trial.held])),
-        explained=1.0 - max(cost(held) - UNNAMED, 0.0) / whole if held else 1.0,
+        explained=1.0 - max(cost(held) - max(lawless, UNNAMED), 0.0) / whole if held else 1.0,
         unlike=trial.unlike,
         evenness=trial.evenness(held) if held else 1.0,
     )
@@ -407,6 +410,18 @@ class Attribution:
             name: [t.name for t in self._rivals(r) if t.name not in self.named]
             for name, (r, _) in self._winners.items()
         }
+
+    @property
+    def alternatives(self) -> tuple[dict[str, float], ...]:
+        """Parameters on the first fold with each effect that helps and has no name."""
+        helps = (
+            t.fits[0]
+            for r in self.rounds
+            for t in r.trials
+            if t.name not in self.named and np.min(t.t) > DISCREPANCY_T and t.gain > 0.0
+        )
+        own = {t.name for t in self.fits[0].loop.terms}
+        return tuple(f.values for f in helps if own <= {t.name for t in f.loop.terms})
 
     def _rivals(self, r: Round) -> tuple[Trial, ...]:
         return r.rivals(self.rules, cost(self.held))

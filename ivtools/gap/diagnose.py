@@ -119,7 +119,8 @@ def diagnose(
         one: Record, other: Record | None, loop: ClosedLoop = loop, named: bool = True
     ) -> Diagnosis:
         third = judge if simulated is None else None  # of the axis itself, not of a difference
-        more = (tolerance, tuple(extra), tuple(without), tuple(doubts))
+        whole = simulated is not None
+        more = (tolerance, tuple(extra), tuple(without), tuple(doubts), whole)
         task = _Task(one, loop, other, third, *more)
         kept = rules or Rules()
         return _diagnose(task, kept if named else replace(kept, most=0), progress or _mute)
@@ -150,6 +151,7 @@ class _Task(NamedTuple):
     extra: tuple[Term, ...]
     without: tuple[str, ...]
     doubts: tuple[Doubt | None, ...] = ()
+    whole: bool = False  # whether the final model is fitted to all of the record
 
 
 _CALM, _RUNNING = Lock(), ExitStack()
@@ -392,7 +394,16 @@ def _answer(
         changed=changed,
         discrepancy=left,
         tolerance=task.tolerance,
+        whole=_whole(measured[0], result) if task.whole else None,
+        alternatives=result.alternatives if task.whole else (),
     )
+
+
+def _whole(m: Measured, result: Attribution) -> Fit:
+    """Return the final model, fitted to all that counts of the first record."""
+    fit, fold = result.fits[0], _masked(m).fold
+    step = steps(fold, fit.loop, m.side.scales)
+    return gauss_newton(fold, fit.loop, fit.values, fit.free, step)
 
 
 def _attributed(
@@ -412,6 +423,7 @@ def _attributed(
 
 
 def _masked(m: Measured) -> Measured:
+    """Return a record without the stretches that stand out."""
     return _kept(m, ~m.floor.event_mask) if m.floor.isolated else m
 
 
@@ -465,7 +477,8 @@ def _measure(ready: _Ready) -> Measured:
             "added to [model] terms"
         )
     level = floor.measure(fit, heard, left)
-    fold = replace(fold, whitener=level.whitener, doubt=doubt)
+    smooth = level.generic if doubt is None else 1.0  # what is not known counts as noise
+    fold = replace(fold, whitener=level.whitener, doubt=doubt, smooth=smooth)
     fit = gauss_newton(fold, loop, fit.values, free, step)
     rough = float(np.mean(level.event_mask))
     return Measured(Side(fold, heard, scales, rough), fit, level, checked, driven)

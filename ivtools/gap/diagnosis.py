@@ -15,6 +15,7 @@ from ..tables import Text, table
 from ..units import quantity
 from .attribute import Evidence
 from .discrepancy import Discrepancy
+from .fit import Fit
 from .floor import Floor
 from .locate import Region
 from .parity import Parity
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from ..report import Page
     from ..simulators.mjcf_export import Export
-    from .against import Change
+    from .changes import Change
     from .confirm import Confirmation
 
 Array = NDArray[np.float64]
@@ -87,6 +88,10 @@ class Diagnosis:
         A force that is left, comes again, and is not among the known effects.
     tolerance : float
         Per cent of the force below which a gap is negligible.
+    whole : Fit or None
+        The final model on all of the record, where that was asked for.
+    alternatives : tuple of mapping
+        Its parameters as each effect would have them that helps and has no name.
     """
 
     verdict: str
@@ -116,6 +121,8 @@ class Diagnosis:
     discrepancy: Discrepancy | None = None
     tolerance: float = TOLERANCE
     confirmed: Confirmation | None = None
+    whole: Fit | None = None
+    alternatives: tuple[dict[str, float], ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of ``ivtools diagnose``."""

@@ -19,7 +19,7 @@ from ..physics import Term
 from ..problem import Problem
 from .fold import Fold
 from .library import Scales
-from .rules import CONVERGED, JACOBIANS, KEEP_JACOBIAN, REACH, SHORTER, STEP
+from .rules import CONVERGED, JACOBIANS, KEEP_JACOBIAN, REACH, SHORTER, STEP, UNSHOWN
 
 Array = NDArray[np.float64]
 
@@ -65,14 +65,45 @@ class Fit:
         return float(np.sqrt(np.mean(self.force_error**2)))
 
     @cached_property
-    def variances(self) -> dict[str, float]:
-        """Block-robust variance of every free parameter."""
+    def _covariances(self) -> tuple[Array, Array]:
+        """Covariances of the free parameters, as white noise and as blocks have it, (p, p)."""
         scale = np.maximum(np.linalg.norm(self.J, axis=0), 1e-300)
         J = self.J / scale
         bread = np.linalg.pinv(J.T @ J, rcond=1e-9)
         scores = self.fold.block_sums(J * self.e[:, None])
-        found = np.diag(bread @ scores.T @ scores @ bread) / scale**2
-        return dict(zip(self.free, found.tolist(), strict=True))
+        unit = np.outer(scale, scale)
+        return self.cost * bread / unit, bread @ scores.T @ scores @ bread / unit
+
+    @cached_property
+    def _hidden(self) -> Array:
+        """Share of each free parameter that lies in directions without an effect, (p,)."""
+        J = self.J / np.maximum(np.linalg.norm(self.J, axis=0), 1e-300)
+        size, turn = np.linalg.eigh(J.T @ J)
+        return np.asarray(np.sum(turn[:, size < 1e-9 * size[-1]] ** 2, axis=1))
+
+    @property
+    def variances(self) -> dict[str, float]:
+        """Block-robust variance of every free parameter."""
+        return dict(zip(self.free, np.diag(self._covariances[1]).tolist(), strict=True))
+
+    def deviation(self, names: Sequence[str]) -> float:
+        """Return the standard error of a sum of free parameters.
+
+        Blocks see noise that the whitening has not made white, but they are few and their scores
+        are too small, for the fit has turned towards each of them; so the larger of both counts.
+        NaN if the record does not show one of them.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Those that are not free are known.
+        """
+        where = [self.free.index(name) for name in names if name in self.free]
+        if np.max(self._hidden[where], initial=0.0) > UNSHOWN:
+            return float("nan")
+        few = len(self.fold.blocks) / max(len(self.fold.blocks) - len(self.free), 1)
+        white, robust = (float(C[np.ix_(where, where)].sum()) for C in self._covariances)
+        return float(np.sqrt(max(white, few * robust, 0.0)))
 
 
 def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:

@@ -85,6 +85,9 @@ class Fold:
         Whether an added input goes straight from sample to sample; else it is held.
     doubt : Doubt, optional
         What is not known of the load: every error counts as much as that leaves of it.
+    smooth : float
+        Whitened energy that smooth laws of the state leave beside the base model. Noise that is
+        larger here than there leaves more than 1, and no law explains that.
     """
 
     record: Record
@@ -95,6 +98,7 @@ class Fold:
     place: Array | None = None
     ramp: bool = False
     doubt: Doubt | None = None
+    smooth: float = 1.0
 
     @property
     def n_kept(self) -> int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from ..tables import Text, sentence, table
 from ..units import quantity
-from .against import changes_table
+from .changes import changes_table
 from .verdict import VERDICTS
 
 if TYPE_CHECKING:

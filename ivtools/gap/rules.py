@@ -212,6 +212,8 @@ GLANCE = 3
 KEEP_JACOBIAN = 0.01
 #: Relative decrease of the cost that ends a fit (numerics: a hundredth of a `Threshold`).
 CONVERGED = 3e-4
+#: Share of a parameter that may lie in directions that change nothing (numerics).
+UNSHOWN = 0.01
 #: Finite difference, in natural units of a parameter (numerics).
 STEP = 0.01
 #: Largest step of a shape parameter, as a factor (numerics).
@@ -478,6 +480,12 @@ SAME_LOG = 1e-6
 #: difference of two logs is right to first order only (judgement on a few drawn models: a lag
 #: named where only parameters differ explained 0.04 of it, two effects that were missed 0.07, 0.2).
 SECOND_ORDER = 0.05
+#: Change over its standard error below which parameters that trade with each other stay where the
+#: simulator has them (convention), and square of the least singular value, of the largest, of
+#: those that do not trade: below the first without need, below the second in any case (numerics).
+NEEDED_T, TRADING = 2.0, (1e-4, 1e-8)
+#: Of the intervals of changes (convention).
+CONFIDENCE = 0.95
 #: Share of dry friction by which an axis must exceed its simulator's to be said to stick where
 #: that creeps (judgement; EMPS against MuJoCo as it ships: 0.49 against 0).
 STICKS = 0.2

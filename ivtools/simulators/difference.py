@@ -64,7 +64,11 @@ class Difference:
 
 
 def difference(
-    real: Record, simulated: Record, loop: ClosedLoop, notes: tuple[str, ...] = ()
+    real: Record,
+    simulated: Record,
+    loop: ClosedLoop,
+    notes: tuple[str, ...] = (),
+    base: FitResults | None = None,
 ) -> Difference:
     """Return the record that shows what the real axis does beyond its simulator.
 
@@ -76,13 +80,15 @@ def difference(
         The axis, with its rigid model.
     notes : tuple of str, optional
         What was done to bring the logs together.
+    base : FitResults, optional
+        The simulator seen through the loop's model, where it is known.
 
     Raises
     ------
     EstimationError
         If no model fits the simulator's log.
     """
-    base = _seen(simulated, loop)
+    base = base or _seen(simulated, loop)
     model = base_simulation(loop, simulated, base)
     signals: dict[str, Any] = {
         "q": model.q + real.q - simulated.q,
@@ -98,8 +104,10 @@ def difference(
     return Difference(record, real, simulated, base, notes)
 
 
-def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
-    """Return the loop with the friction of its simulator: creeping, where the log shows that.
+def as_simulated(loop: ClosedLoop, simulated: Record) -> tuple[ClosedLoop, FitResults]:
+    """Return the loop as its simulator computes it, and the simulator seen through it.
+
+    The friction creeps where the log shows that.
 
     Many simulators regularise dry friction: with creeping friction a model then comes nearer to
     their log, and hardly any dry friction is left; where other joints swing, less than none. What
@@ -115,7 +123,7 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
     base = _seen(simulated, loop)
     friction = base.params.get("coulomb", 0.0)
     if min(friction, base.params["inertia"]) <= 0.0 or CREEPS in (t.name for t in loop.terms):
-        return loop
+        return loop, base
     fitted = {str(name): float(value) for name, value in base.params.items()}
     speed = friction / (_SHIPPED_RATE * _SHIPPED_HOLD * base.params["inertia"])
     soft = replace(loop, start={**loop.start, **fitted, "coulomb": 0.0}).with_effect(
@@ -125,12 +133,12 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> ClosedLoop:
         fit = CLIE(start="axis").fit(Problem(simulated, soft))
         better = _misfit(soft, simulated, fit) < _CREEPS * _misfit(loop, simulated, base)
     except IVToolsError:
-        return loop
+        return loop, base
     found = {str(name): float(value) for name, value in fit.params.items()}
     if not better or dry(found) >= _DRY:
-        return loop
+        return loop, base
     whole = {"coulomb": 0.0, f"{CREEPS}.force": found["coulomb"] + found[f"{CREEPS}.force"]}
-    return replace(soft, start={**soft.start, **found, **whole})
+    return replace(soft, start={**soft.start, **found, **whole}), fit
 
 
 def dry(values: Mapping[str, float]) -> float:
