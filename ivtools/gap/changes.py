@@ -16,7 +16,7 @@ from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, steps
 from .fold import block_t
 from .library import Scales, library
-from .rules import ADEQUATE, AGAIN, CHANGED_T, CONFIDENCE, NEEDED_T, STICKS, TIE, TRADING, Rules
+from .rules import ADEQUATE, AGAIN, CHANGED_T, CONFIDENCE, STICKS, TIE, TRADING, Rules
 
 
 @dataclass(frozen=True)
@@ -120,12 +120,13 @@ def _kept(fit: Fit, base: Mapping[str, float]) -> Fit:
     scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     size, turn = np.linalg.eigh((J / scale).T @ (J / scale))
     moved = turn.T @ (scale * np.array([fit.values[n] - base[n] for n in free]))
-    still = moved**2 * np.maximum(size, 0.0) < NEEDED_T**2 * fit.cost
+    still = moved**2 * np.maximum(size, 0.0) < CHANGED_T**2 * fit.cost
     trades = size < size[-1] * np.where(still, *TRADING)
     if not trades.any():
         return fit
     change = (turn @ np.where(trades, 0.0, moved) / scale).tolist()
-    back = _tuned(fit, {n: base[n] + x for n, x in zip(free, change, strict=True)})
+    held = {free[k] for k in np.argmax(np.abs(turn[:, trades]), axis=0)}  # one of each direction
+    back = _tuned(fit, {n: base[n] + x for n, x in zip(free, change, strict=True)}, held)
     return back if _as_good(back, fit) else fit
 
 

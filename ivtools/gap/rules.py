@@ -341,7 +341,8 @@ EXPLAINED = 0.9
 TOLERANCE = 2.0
 #: Force error over the difference of two records of one motion that is a gap (training).
 OVER_FLOOR = 1.25
-#: t value between two records from which a base parameter has changed (training: 0 of 100).
+#: t value from which a base parameter has changed, between two records (training: 0 of 100) or from
+#: a simulator to its axis.
 CHANGED_T = 6.0
 #: Relative change of a base parameter that is worth a word (physics: friction warms up).
 CHANGED_BY = 0.05
@@ -480,10 +481,10 @@ SAME_LOG = 1e-6
 #: difference of two logs is right to first order only (judgement on a few drawn models: a lag
 #: named where only parameters differ explained 0.04 of it, two effects that were missed 0.07, 0.2).
 SECOND_ORDER = 0.05
-#: Change over its standard error below which parameters that trade with each other stay where the
-#: simulator has them (convention), and square of the least singular value, of the largest, of
-#: those that do not trade: below the first without need, below the second in any case (numerics).
-NEEDED_T, TRADING = 2.0, (1e-4, 1e-8)
+#: Square of the least singular value, of the largest, of parameters that do not trade with each
+#: other: below the first they stay where the simulator has them unless they have changed, below the
+#: second in any case (numerics).
+TRADING = (1e-4, 1e-8)
 #: Of the intervals of changes (convention).
 CONFIDENCE = 0.95
 #: Share of dry friction by which an axis must exceed its simulator's to be said to stick where
