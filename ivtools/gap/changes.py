@@ -58,15 +58,16 @@ class Change:
 def settled(found: Diagnosis, pair: Difference) -> tuple[Fit | None, bool]:
     """Return the final fit, and whether the axis sticks where its simulator creeps.
 
-    Where the record does not show that part of the friction is dry, all of it creeps as the
-    simulator's: both parts together would trade with each other.
+    Where the record does not show that more of the friction is dry than the simulator's, as much
+    is: both parts together would trade with each other.
     """
     fit, base = found.whole, _named(pair)
     fit = None if fit is None else _kept(fit, base)
     if fit is None or f"{CREEPS}.force" not in base or "coulomb" not in fit.free:
         return fit, False
     both = fit.values["coulomb"] + fit.values[f"{CREEPS}.force"]
-    soft = _tuned(fit, {"coulomb": 0.0, f"{CREEPS}.force": max(both, 0.0)}, without=("coulomb",))
+    start = {"coulomb": base["coulomb"], f"{CREEPS}.force": max(both - base["coulomb"], 0.0)}
+    soft = _tuned(fit, start, without=("coulomb",))
     if _as_good(soft, fit):
         return soft, False
     return fit, dry(fit.values) - max(dry(base), 0.0) > STICKS  # less than none is by a pendulum

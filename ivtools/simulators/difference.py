@@ -8,6 +8,7 @@ record says what the simulator lacks.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ivtools.errors import EstimationError, IVToolsError, RecordError
+from ivtools.errors import ConvergenceWarning, EstimationError, IVToolsError, RecordError
 from ivtools.estimators.input_error import CLIE, DIDIM
 from ivtools.estimators.least_squares import IDIMLS
 from ivtools.problem import Problem
@@ -30,8 +31,8 @@ Array = NDArray[np.float64]
 
 CREEPS = "regularised-coulomb"  # the friction of simulators that regularise it
 _SHIPPED_RATE, _SHIPPED_HOLD = 105.0, 0.9  # 1/s and 1, of MuJoCo's defaults: where a fit begins
-_CREEPS = 0.98  # of the misfit to the simulator's log: what it may leave (other joints leave most)
-_DRY = 0.2  # of its friction: what may still be dry where a simulator's friction creeps
+_CREEPS = 0.9  # of the jumps that a model leaves of a simulator's log: what creeping may leave
+_DRY = 0.5  # of its friction: what may still be dry where a simulator's friction creeps
 _SAME = 0.01  # of the stroke: references that differ by less are one
 _OTHER_UNIT = 10.0  # ratio of the commands beyond which they have different units
 _SLOWEST = 0.45  # of the record's rate: a held command is late by half a sample
@@ -110,8 +111,8 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> tuple[ClosedLoop, FitRe
     The friction creeps where the log shows that.
 
     Many simulators regularise dry friction: with creeping friction a model then comes nearer to
-    their log, and hardly any dry friction is left; where other joints swing, less than none. What
-    both logs share cancels only as far as the model moves as the simulator does, and where the real
+    their log around reversals, and most of the friction creeps; where other joints swing, more than
+    all of it. What both logs share cancels only as far as the model moves as the simulator does, and where the real
     axis moves otherwise, friction changes at once.
 
     Parameters
@@ -130,7 +131,9 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> tuple[ClosedLoop, FitRe
         CREEPS, force=friction, speed=speed, hold=_SHIPPED_HOLD / friction
     )
     try:
-        fit = CLIE(start="axis").fit(Problem(simulated, soft))
+        with warnings.catch_warnings():  # it is a trial, and judged by what it leaves
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            fit = CLIE(start="axis").fit(Problem(simulated, soft))
         better = _misfit(soft, simulated, fit) < _CREEPS * _misfit(loop, simulated, base)
     except IVToolsError:
         return loop, base
@@ -148,9 +151,12 @@ def dry(values: Mapping[str, float]) -> float:
 
 
 def _misfit(loop: ClosedLoop, simulated: Record, fit: FitResults) -> float:
-    """Return the rms of what a fitted model leaves of the simulator's command."""
+    """Return the rms of the jumps that a fitted model leaves of the simulator's command.
+
+    From sample to sample what friction does at a reversal counts, and not what else swings.
+    """
     left = base_simulation(loop, simulated, fit).nu - loop.command(simulated)
-    return float(np.sqrt(np.mean(left**2)))
+    return float(np.sqrt(np.mean(np.diff(left, axis=0) ** 2)))
 
 
 def base_simulation(loop: ClosedLoop, simulated: Record, base: FitResults) -> Simulation:
