@@ -112,8 +112,8 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> tuple[ClosedLoop, FitRe
 
     Many simulators regularise dry friction: with creeping friction a model then comes nearer to
     their log around reversals, and most of the friction creeps; where other joints swing, more than
-    all of it. What both logs share cancels only as far as the model moves as the simulator does, and where the real
-    axis moves otherwise, friction changes at once.
+    all of it. What both logs share cancels only as far as the model moves as the simulator does,
+    and where the real axis moves otherwise, friction changes at once.
 
     Parameters
     ----------
