@@ -16,7 +16,7 @@ from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, steps
 from .fold import block_t
 from .library import Scales, library
-from .rules import ADEQUATE, AGAIN, CHANGED_T, CONFIDENCE, STICKS, TIE, TRADING, Rules
+from .rules import ADEQUATE, CHANGED_T, CONFIDENCE, STICKS, TIE, TRADING, Rules
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _tuned(fit: Fit, values: Mapping[str, float], without: Collection[str] = ())
     scales = Scales(fit.fold.record, fit.loop)
     free = [name for name in fit.free if name not in without]
     step = steps(fit.fold, fit.loop, scales)
-    return gauss_newton(fit.fold, fit.loop, {**fit.values, **values}, free, step, AGAIN)
+    return gauss_newton(fit.fold, fit.loop, {**fit.values, **values}, free, step)
 
 
 def _errors(fit: Fit, alternatives: Sequence[Mapping[str, float]]) -> dict[str, float]:
