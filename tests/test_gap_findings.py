@@ -25,7 +25,7 @@ def twin():
     return iv.datasets.twin().slice(0, SAMPLES)
 
 
-@pytest.fixture(params=["twin", "emps", "emps_pulses"])
+@pytest.fixture(params=["twin", "emps", pytest.param("emps_pulses", marks=pytest.mark.slow)])
 def record(request):
     """A sound record: simulated, and measured without and with an added input."""
     return request.getfixturevalue(request.param).slice(0, SAMPLES)
