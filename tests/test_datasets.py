@@ -148,7 +148,7 @@ def test_a_download_that_does_not_end_is_given_up(cache, monkeypatch, kind):
     start = time.monotonic()
     with pytest.raises(DataError, match="cannot be downloaded from"):
         datasets.fetch("small")
-    assert time.monotonic() - start < 8.0
+    assert time.monotonic() - start < 60.0  # given up, however busy the machine; it sends for ever
     done.set()
     listener.close()
     assert left_in(cache) == []

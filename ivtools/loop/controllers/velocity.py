@@ -13,6 +13,7 @@ _LENGTHS = (1, 2, 3, 4, 6, 8)
 _WORTH = 0.9  # of the residual that a longer filter may leave
 _LONGEST = 200  # taps that stand for a low-pass filter
 _REACH = 1e-5  # of a low-pass's answer that is cut off
+_ROUNDING = 1e-9  # of the velocity: what is left below this is no reason for more taps
 
 
 def backward_difference(velocity_filter: ArrayLike, dt: float) -> Array:
@@ -53,14 +54,15 @@ def shown(q: Array, dq: Array, dt: float) -> tuple[float, ...]:
     lags = [np.concatenate([np.zeros(i), speed[: len(speed) - i]]) for i in range(max(_LENGTHS))]
     best, least = AT_THE_SAMPLE, np.inf
     rows = slice(max(_LENGTHS), None)
+    rounding = _ROUNDING * float(np.linalg.norm(dq[rows]))
     for n in _LENGTHS:
         X = np.column_stack(lags[:n])[rows]
         weights = np.linalg.lstsq(X.T @ X, X.T @ dq[rows], rcond=1e-12)[0]
         left = float(np.linalg.norm(dq[rows] - X @ weights))
-        if left < _WORTH * least:
+        if rounding + left < _WORTH * least:
             best, least = tuple(weights.tolist()), left
     slow, left = _low_pass(speed, dq, rows)
-    return slow if left < _WORTH * least else best
+    return slow if rounding + left < _WORTH * least else best
 
 
 def _low_pass(speed: Array, dq: Array, rows: slice) -> tuple[tuple[float, ...], float]:
