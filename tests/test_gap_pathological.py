@@ -11,7 +11,7 @@ from ivtools.errors import IVToolsError
 from ivtools.gap import VERDICTS
 from ivtools.loop import Controller
 
-CASES = 100
+QUICK, CASES = 20, 100  # in the quick tests, and in all
 MODELS = (
     ("inertia", "viscous", "coulomb", "offset"),
     ("inertia", "coulomb"),
@@ -133,7 +133,12 @@ def spoil(rng, given):
     given[key] = changed[rng.integers(5)]
 
 
-@pytest.mark.parametrize("seed", range(CASES))
+def cases():
+    """Return the seeds; most of them are slow tests."""
+    return [s if s < QUICK else pytest.param(s, marks=pytest.mark.slow) for s in range(CASES)]
+
+
+@pytest.mark.parametrize("seed", cases())
 def test_it_is_answered_or_refused_in_one_line(seed):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -244,17 +244,20 @@ def case(seed: int, hidden: str | None) -> dict[str, Any]:
 
 def scored(one: Drawn, folder: Path) -> dict[str, Any]:
     """Diagnose a case, export it, and score both."""
-    begin, axis, hidden = time.process_time(), one.axis, one.hidden
+    axis, hidden = one.axis, one.hidden
     own = {term.name for term in one.own.terms}
+    logs = {"simulated": one.sim[0], "simulated_holdout": one.sim[1]}
+    begin = time.process_time()
     try:
-        found = iv.diagnose(
-            one.real[0], one.own, one.real[1], simulated=one.sim[0], simulated_holdout=one.sim[1]
-        )
+        found = iv.diagnose(one.real[0], one.own, one.real[1], **logs)
+        between = time.process_time()
+        iv.diagnose(one.real[0], one.own, one.real[1])  # for the time that it takes
     except IVToolsError as error:
         return {"slide": axis.slide, "error": str(error)}
     out: dict[str, Any] = {
+        "seconds": between - begin, "seconds_alone": time.process_time() - between,
         "slide": axis.slide, "pendulum": axis.pendulum > 0.0, "motor": axis.motor,
-        "inertia": axis.inertia, "rate": axis.rate, "seconds": time.process_time() - begin,
+        "inertia": axis.inertia, "rate": axis.rate,
         "verdict": found.verdict, "named": " ".join(found.effects),
         "surplus": " ".join(found.surplus), "findings": "; ".join(f.text for f in found.findings),
     }  # fmt: skip
@@ -328,6 +331,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
         named=("named_any", "mean"), either=("said", "mean"), close=("close", "mean"),
         inertia=("inertia_held", "mean"), viscous=("viscous_held", "mean"),
         coulomb=("coulomb_held", "mean"), seconds=("seconds", "mean"),
+        alone=("seconds_alone", "mean"),
     )  # fmt: skip
 
 

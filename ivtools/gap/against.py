@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import IVToolsError
 from ..loop import ClosedLoop
 from ..record import Record
-from ..simulators.difference import Difference, as_simulated, brought, difference
+from ..simulators.difference import SWINGS, Difference, as_simulated, brought, difference
 from ..units import quantity
 from .changes import changes, settled, twins
 from .diagnosis import Diagnosis
@@ -36,6 +36,7 @@ def against(
     """
     pairs = [(record, simulated), (holdout, simulated_holdout)]
     logs = [brought(a, b, loop) for a, b in pairs if a is not None and b is not None]
+    own = {t.name for t in loop.terms}
     loop, base = as_simulated(loop.known(record), logs[0][1])
     lacking = [
         difference(real, sim, loop, notes, base if k == 0 else None)
@@ -43,7 +44,8 @@ def against(
     ]
     if all(_parted(pair, loop) < SAME_LOG * _rms(loop.force(pair.real)) for pair in lacking):
         same = diagnose(*_records(lacking), loop, named=False)
-        return _told(replace(same, verdict="adequate", discrepancy=None), lacking, False)
+        same = replace(same, verdict="adequate", discrepancy=None)
+        return _told(same, lacking, False, own)
     found = diagnose(*_records(lacking), loop)
     answers = [(found, lacking, False)]
     alike = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
@@ -59,10 +61,10 @@ def against(
     if len(good) == 2 and set(good[0][0].effects) == set(good[1][0].effects):
         good.pop()  # an effect of either sign: the axis has it
     if good:
-        return _told(*max(good, key=lambda answer: _worth(answer[0])))
+        return _told(*max(good, key=lambda answer: _worth(answer[0])), own)
     if found.effects:
         found = replace(diagnose(*_records(lacking), loop, named=False), verdict="adequate")
-    return _told(found, lacking, False)
+    return _told(found, lacking, False, own)
 
 
 def _worth(found: Diagnosis) -> tuple[float, int, float]:
@@ -101,14 +103,22 @@ def _closed(found: Diagnosis) -> float:
     return found.shrink.closed if found.effects and found.shrink else 0.0
 
 
-def _told(found: Diagnosis, pairs: list[Difference], surplus: bool) -> Diagnosis:
-    """Return a diagnosis that speaks of the simulator."""
+def _told(
+    found: Diagnosis, pairs: list[Difference], surplus: bool, own: Collection[str]
+) -> Diagnosis:
+    """Return a diagnosis that speaks of the simulator; `own` are the terms of the user's axis."""
     fit, stuck = settled(found, pairs[0])
     made = changes(found, pairs[0], fit, stuck, surplus)
+    swings = SWINGS not in {*own, *found.effects}
+    if swings:  # what hangs from both is no setting of the simulator's
+        made = {name: c for name, c in made.items() if not name.startswith(f"{SWINGS}.")}
     alike = {} if fit is None or surplus else twins(fit, pairs[0])
     whose = "the simulator has and the axis lacks" if surplus else "your simulator lacks"
     what = ", ".join(found.effects) or "nothing but other parameters"
     told = [f"{whose}: {what}", *(_either(name, found, alike[name]) for name in alike)]
+    if swings and f"{SWINGS}.frequency_hz" in pairs[0].base.params:
+        hz = quantity(float(pairs[0].base.params[f"{SWINGS}.frequency_hz"]), "Hz")
+        told.append(f"a load swings at {hz} in your simulator; the axis is taken to have it too")
     if stuck:
         told.append("at standstill your simulator's friction creeps, the axis sticks")
     notes = dict.fromkeys(note for pair in pairs for note in pair.notes)

@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 from ivtools.errors import ConvergenceWarning, EstimationError, IVToolsError, RecordError
 from ivtools.estimators.input_error import CLIE, DIDIM
 from ivtools.estimators.least_squares import IDIMLS
+from ivtools.loop.bandwidth import bandwidth_hz
 from ivtools.problem import Problem
 from ivtools.record import Record
 from ivtools.units import quantity
@@ -30,9 +32,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 CREEPS = "regularised-coulomb"  # the friction of simulators that regularise it
+SWINGS = "flexibility"  # what hangs from the axis, as far as it swings little
 _SHIPPED_RATE, _SHIPPED_HOLD = 105.0, 0.9  # 1/s and 1, of MuJoCo's defaults: where a fit begins
 _CREEPS = 0.9  # of the jumps that a model leaves of a simulator's log: what creeping may leave
 _DRY = 0.5  # of its friction: what may still be dry where a simulator's friction creeps
+_SWINGS = 0.5  # of what a model leaves of a simulator's log: what a swinging load may leave
+_LEAVES = 0.01  # of the command: a model that leaves less needs no load
+_SLOW_HZ, _SWING_STEPS = 0.3, 40  # where a load is looked for: from here to the loop's bandwidth
+_SWING_DAMPING = 0.03
 _SAME = 0.01  # of the stroke: references that differ by less are one
 _OTHER_UNIT = 10.0  # ratio of the commands beyond which they have different units
 _SLOWEST = 0.45  # of the record's rate: a held command is late by half a sample
@@ -108,12 +115,8 @@ def difference(
 def as_simulated(loop: ClosedLoop, simulated: Record) -> tuple[ClosedLoop, FitResults]:
     """Return the loop as its simulator computes it, and the simulator seen through it.
 
-    The friction creeps where the log shows that.
-
-    Many simulators regularise dry friction: with creeping friction a model then comes nearer to
-    their log around reversals, and most of the friction creeps; where other joints swing, more than
-    all of it. What both logs share cancels only as far as the model moves as the simulator does,
-    and where the real axis moves otherwise, friction changes at once.
+    What both logs share cancels only as far as the model moves as the simulator does. So the model
+    takes what the simulator's log alone shows: friction that creeps, a load that swings.
 
     Parameters
     ----------
@@ -121,27 +124,103 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> tuple[ClosedLoop, FitRe
         The axis, with its rigid model.
     simulated : Record
     """
-    base = _seen(simulated, loop)
+    return _swinging(simulated, *_creeping(simulated, loop, _seen(simulated, loop)))
+
+
+def _creeping(
+    simulated: Record, loop: ClosedLoop, base: FitResults
+) -> tuple[ClosedLoop, FitResults]:
+    """Return the loop with friction that creeps, and the simulator seen through it, if it does.
+
+    Many simulators regularise dry friction: with creeping friction a model then comes nearer to
+    their log around reversals, and most of the friction creeps; where other joints swing, more than
+    all of it. Where the real axis moves otherwise, friction changes at once.
+    """
     friction = base.params.get("coulomb", 0.0)
     if min(friction, base.params["inertia"]) <= 0.0 or CREEPS in (t.name for t in loop.terms):
         return loop, base
-    fitted = {str(name): float(value) for name, value in base.params.items()}
     speed = friction / (_SHIPPED_RATE * _SHIPPED_HOLD * base.params["inertia"])
-    soft = replace(loop, start={**loop.start, **fitted, "coulomb": 0.0}).with_effect(
+    soft = replace(loop, start={**_values(loop, base), "coulomb": 0.0}).with_effect(
         CREEPS, force=friction, speed=speed, hold=_SHIPPED_HOLD / friction
     )
-    try:
-        with warnings.catch_warnings():  # it is a trial, and judged by what it leaves
-            warnings.simplefilter("ignore", ConvergenceWarning)
-            fit = CLIE(start="axis").fit(Problem(simulated, soft))
-        better = _misfit(soft, simulated, fit) < _CREEPS * _misfit(loop, simulated, base)
-    except IVToolsError:
-        return loop, base
-    found = {str(name): float(value) for name, value in fit.params.items()}
-    if not better or dry(found) >= _DRY:
+    fit, jumps = _tried(simulated, soft)
+    better = np.diff(jumps, axis=0)
+    if fit is None or _rms(better) >= _CREEPS * _rms(np.diff(_left(simulated, loop, base), axis=0)):
+        return loop, base  # from sample to sample what friction does at a reversal counts
+    found = _values(soft, fit)
+    if dry(found) >= _DRY:
         return loop, base
     whole = {"coulomb": 0.0, f"{CREEPS}.force": found["coulomb"] + found[f"{CREEPS}.force"]}
-    return replace(soft, start={**soft.start, **found, **whole}), fit
+    return replace(soft, start={**found, **whole}), fit
+
+
+def _swinging(
+    simulated: Record, loop: ClosedLoop, base: FitResults
+) -> tuple[ClosedLoop, FitResults]:
+    """Return the loop with a load that swings, and the simulator seen through it, if one does.
+
+    What hangs from a cart, and swings little, is a second mass on a spring.
+    """
+    left = _left(simulated, loop, base)
+    if any(t.slot == "second mass" for t in loop.terms) or (
+        _rms(left) < _LEAVES * _rms(loop.command(simulated))
+    ):
+        return loop, base
+    frequency, share = _swing(simulated, loop, base, left[:, 0])
+    if not share > 0.0:
+        return loop, base
+    load = {"frequency_hz": frequency, "damping": _SWING_DAMPING, "load_share": min(share, 0.5)}
+    start = replace(loop, start=_values(loop, base))
+    heavy = start.with_effect(SWINGS, **load, load_friction=0.0)
+    fit, rest = _tried(simulated, heavy)
+    if fit is None or _rms(rest) >= _SWINGS * _rms(left):
+        return loop, base
+    return replace(heavy, start=_values(heavy, fit)), fit
+
+
+def _swing(
+    simulated: Record, loop: ClosedLoop, base: FitResults, left: Array
+) -> tuple[float, float]:
+    """Return the frequency, Hz, of the load that explains most of a command, and its share.
+
+    The share of the inertia is 0 if no load explains enough.
+    """
+    dt, inertia = simulated.dt, float(base.params["inertia"])
+    highest = bandwidth_hz(loop, inertia, float(base.params.get("viscous", 0.0)), dt)
+    some = slice(None, None, max(int(0.05 / (highest * dt)), 1))
+    dq = np.gradient(simulated.q[:, 0], dt)
+    ddq = np.gradient(dq, dt)
+    rigid = np.column_stack([ddq, dq, np.sign(dq), np.ones(len(dq))])
+    best, least, share = _SLOW_HZ, (1.5 * _SWINGS) ** 2 * float(np.sum(left[some] ** 2)), 0.0
+    for hz in np.geomspace(_SLOW_HZ, max(highest, 2.0 * _SLOW_HZ), _SWING_STEPS):
+        w = 2.0 * np.pi * float(hz)
+        spring = [2.0 * _SWING_DAMPING * w, w**2]
+        swing = signal.bilinear(spring, [1.0, *spring], 1.0 / dt)
+        X = np.column_stack([signal.lfilter(*swing, ddq), rigid])[some]
+        theta = np.linalg.lstsq(X, left[some], rcond=None)[0]
+        cost = float(np.sum((left[some] - X @ theta) ** 2))
+        if cost < least:
+            best, least, share = float(hz), cost, -float(theta[0]) * loop.gain / inertia
+    return best, share
+
+
+def _values(loop: ClosedLoop, fit: FitResults) -> dict[str, float]:
+    """Return a loop's start with what was fitted."""
+    return {**loop.start, **{str(name): float(value) for name, value in fit.params.items()}}
+
+
+def _tried(simulated: Record, loop: ClosedLoop) -> tuple[FitResults | None, Array]:
+    """Return a loop fitted from its start to the simulator's log, and the command that it leaves.
+
+    It is a trial, and judged by what it leaves: that it has not converged is no reason to warn.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            fit = CLIE(start="axis").fit(Problem(simulated, loop))
+        return fit, _left(simulated, loop, fit)
+    except IVToolsError:
+        return None, np.empty((0, 1))
 
 
 def dry(values: Mapping[str, float]) -> float:
@@ -150,13 +229,13 @@ def dry(values: Mapping[str, float]) -> float:
     return values["coulomb"] / whole if whole > 0.0 else 1.0
 
 
-def _misfit(loop: ClosedLoop, simulated: Record, fit: FitResults) -> float:
-    """Return the rms of the jumps that a fitted model leaves of the simulator's command.
+def _left(simulated: Record, loop: ClosedLoop, fit: FitResults) -> Array:
+    """Return what a fitted model leaves of the simulator's command, (n_samples, 1)."""
+    return base_simulation(loop, simulated, fit).nu - loop.command(simulated)
 
-    From sample to sample what friction does at a reversal counts, and not what else swings.
-    """
-    left = base_simulation(loop, simulated, fit).nu - loop.command(simulated)
-    return float(np.sqrt(np.mean(np.diff(left, axis=0) ** 2)))
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
 
 
 def base_simulation(loop: ClosedLoop, simulated: Record, base: FitResults) -> Simulation:
