@@ -91,6 +91,21 @@ def test_an_effect_that_only_the_axis_has_is_named(loop, short):
     assert "your simulator lacks: cogging" in content["advice"]
 
 
+def test_a_load_that_swings_in_both_hides_nothing(loop, short):
+    """A pendulum under the cart: to the model a soft second mass, and no change of its own."""
+    load = {"frequency_hz": 1.7, "damping": 0.02, "load_share": 0.15, "load_friction": 0.0}
+    both = loop.with_effect("flexibility", **load)
+    axis = both.with_effect("asymmetric-viscous", delta=-30.0)
+    given = {f"flexibility.{name}": value for name, value in load.items()}
+    real = log(axis, short, noise=1.0, **given)
+    gap = iv.diagnose(real, loop, simulated=log(both, short, inertia=90.0, **given))
+    assert gap.effects == ("asymmetric-viscous",)
+    assert not any(name.startswith("flexibility") for name in gap.changes)
+    low, high = gap.changes["inertia"].interval
+    assert low < 5.0 < high and high - low < 2.0
+    assert any("a load swings at 1.7 Hz in your simulator" in text for text in gap.advice)
+
+
 def test_an_effect_that_only_the_simulator_has_is_called_that(loop, short):
     much = loop.with_effect("stribeck", force=12.0, speed=0.02)
     gap = iv.diagnose(log(loop, short, noise=0.5), loop, simulated=log(much, short))

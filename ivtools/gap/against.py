@@ -15,9 +15,10 @@ from ..simulators.difference import SWINGS, Difference, as_simulated, brought, d
 from ..units import quantity
 from .changes import changes, settled, twins
 from .diagnosis import Diagnosis
-from .rules import ALL_CLOSED, SAME_LOG, SECOND_ORDER
+from .rules import ADEQUATE, ALL_CLOSED, SAME_LOG, SECOND_ORDER
 
-Diagnose = Callable[..., Diagnosis]  # of record, holdout and loop; named=False names nothing
+Diagnose = Callable[..., Diagnosis]
+"""Of record, holdout and loop; named=False names nothing, described=False describes nothing."""
 
 
 def against(
@@ -49,19 +50,22 @@ def against(
     found = diagnose(*_records(lacking), loop)
     answers = [(found, lacking, False)]
     alike = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
-    enough = _closed(found) >= ALL_CLOSED and len(found.effects) == 1 and not alike
+    all_told = _closed(found) >= ALL_CLOSED or found.chi[1] < ADEQUATE
+    enough = all_told and len(found.effects) == 1 and not alike
     nothing = found.verdict == "adequate" or (found.negligible and not found.effects)
     if not nothing and not enough:
         try:
             turned = [difference(sim, real, loop, notes) for real, sim, notes in logs]
-            answers.append((diagnose(*_records(turned), loop), turned, True))
+            answers.append((diagnose(*_records(turned), loop, described=False), turned, True))
         except IVToolsError:
             pass  # the simulator's log alone carries no diagnosis
     good = [answer for answer in answers if _material(*answer, loop)]
     if len(good) == 2 and set(good[0][0].effects) == set(good[1][0].effects):
         good.pop()  # an effect of either sign: the axis has it
     if good:
-        return _told(*max(good, key=lambda answer: _worth(answer[0])), own)
+        best, pairs, surplus = max(good, key=lambda answer: _worth(answer[0]))
+        best = diagnose(*_records(pairs), loop) if surplus else best
+        return _told(best, pairs, surplus, own)
     if found.effects:
         found = replace(diagnose(*_records(lacking), loop, named=False), verdict="adequate")
     return _told(found, lacking, False, own)

@@ -116,11 +116,15 @@ def diagnose(
     """
 
     def found(
-        one: Record, other: Record | None, loop: ClosedLoop = loop, named: bool = True
+        one: Record,
+        other: Record | None,
+        loop: ClosedLoop = loop,
+        named: bool = True,
+        described: bool = True,
     ) -> Diagnosis:
         third = judge if simulated is None else None  # of the axis itself, not of a difference
         whole = simulated is not None
-        more = (tolerance, tuple(extra), tuple(without), tuple(doubts), whole)
+        more = (tolerance, tuple(extra), tuple(without), tuple(doubts), whole, described)
         task = _Task(one, loop, other, third, *more)
         kept = rules or Rules()
         return _diagnose(task, kept if named else replace(kept, most=0), progress or _mute)
@@ -152,6 +156,7 @@ class _Task(NamedTuple):
     without: tuple[str, ...]
     doubts: tuple[Doubt | None, ...] = ()
     whole: bool = False  # whether the final model is fitted to all of the record
+    described: bool = True  # whether a force without a name is described
 
 
 _CALM, _RUNNING = Lock(), ExitStack()
@@ -355,11 +360,12 @@ def _answer(
     if third is not None:
         shrink = replace(shrink, judged=quantify.judge(loop, third, result))
     before, after = cost(result.base), cost(result.held)
-    left = None if after <= DESCRIBED else discrepancy.describe(result.held, result.laws)
+    tell = task.described and after > DESCRIBED
+    left = discrepancy.describe(result.held, result.laws) if tell else None
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
     changed = verdict.changes(result, task.tolerance) if repeats < REPEATS else {}
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
-    nameless = word == "unexplained" and after > DESCRIBED and left is None
+    nameless = word == "unexplained" and tell and left is None
     outside = nameless and shrink.after > OVER_FLOOR * shrink.floor
     found = [*found, verdict.outside()] if outside else found
     return Diagnosis(
