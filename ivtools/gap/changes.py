@@ -28,8 +28,9 @@ class Change:
     simulator, real, change : float
         As our model sees them, in `unit`.
     std_error : float
-        Of the change; NaN where it is not known. It holds what noise does, block by block, and how
-        far an effect that helps but has no name would move the parameter.
+        Of the change; NaN where it is not known. It holds what noise does, block by block, how
+        far an effect that helps but has no name would move the parameter, and what of the force
+        does not cancel in the difference of the logs.
     interval : tuple of float
         95 % interval of the change: Student's, for the blocks of the record.
     unit : str
@@ -99,7 +100,8 @@ def changes(
     for name, value in values.items():
         have = base.get(name, 0.0)
         one, two = (value, have) if surplus else (have, value)
-        change, error = sign * (value - have), errors.get(name, np.nan)
+        change = sign * (value - have)
+        error = float(np.hypot(errors.get(name, np.nan), pair.second_order * value))
         interval = (change - reach * error, change + reach * error)
         out[name] = Change(one, two, change, error, interval, found.loop.units.get(name, ""))
     return out

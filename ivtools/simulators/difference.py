@@ -60,6 +60,9 @@ class Difference:
         Both logs, at the same instants.
     base : FitResults
         The simulator seen through our model.
+    second_order : float
+        What that model leaves of the simulator's command, as a share of it, times the share by
+        which the axis has another command: as much of the force does not cancel.
     notes : tuple of str
         What was done to bring the logs together.
     """
@@ -68,6 +71,7 @@ class Difference:
     real: Record
     simulated: Record
     base: FitResults
+    second_order: float
     notes: tuple[str, ...] = ()
 
 
@@ -109,7 +113,10 @@ def difference(
     record = Record(
         t=real.t, **signals, **kept, name=real.name, notes=(*real.notes, *notes), extra=real.extra
     )
-    return Difference(record, real, simulated, base, notes)
+    theirs, own = loop.command(simulated), loop.command(real)
+    size = max(_rms(theirs), 1e-300)
+    second_order = _rms(model.nu - theirs) / size * min(_rms(own - theirs) / size, 1.0)
+    return Difference(record, real, simulated, base, second_order, notes)
 
 
 def as_simulated(loop: ClosedLoop, simulated: Record) -> tuple[ClosedLoop, FitResults]:
