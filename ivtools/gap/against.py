@@ -63,9 +63,9 @@ def against(
     if len(good) == 2 and set(good[0][0].effects) == set(good[1][0].effects):
         good.pop()  # an effect of either sign: the axis has it
     if good:
-        best, pairs, surplus = max(good, key=lambda answer: _worth(answer[0]))
-        best = diagnose(*_records(pairs), loop) if surplus else best
-        return _told(best, pairs, surplus, own)
+        best, shown, surplus = max(good, key=lambda answer: _worth(answer[0]))
+        best = diagnose(*_records(shown), loop) if surplus else best
+        return _told(best, shown, surplus, own)
     if found.effects:
         found = replace(diagnose(*_records(lacking), loop, named=False), verdict="adequate")
     return _told(found, lacking, False, own)

@@ -88,7 +88,7 @@ FLEXIBILITY = Term(
         Parameter(
             "frequency_hz",
             "Hz",
-            lower=1.0,
+            lower=0.2,
             neutral=50.0,
             scale="one",
             scan=(25.0, 40.0, 65.0),

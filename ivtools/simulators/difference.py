@@ -39,6 +39,7 @@ _DRY = 0.5  # of its friction: what may still be dry where a simulator's frictio
 _SWINGS = 0.5  # of what a model leaves of a simulator's log: what a swinging load may leave
 _LEAVES = 0.01  # of the command: a model that leaves less needs no load
 _SLOW_HZ, _SWING_STEPS = 0.3, 40  # where a load is looked for: from here to the loop's bandwidth
+_FREE_HZ = 10.0  # as far, where there is no loop
 _SWING_DAMPING = 0.03
 _SAME = 0.01  # of the stroke: references that differ by less are one
 _OTHER_UNIT = 10.0  # ratio of the commands beyond which they have different units
@@ -194,12 +195,13 @@ def _swing(
     """
     dt, inertia = simulated.dt, float(base.params["inertia"])
     highest = bandwidth_hz(loop, inertia, float(base.params.get("viscous", 0.0)), dt)
+    highest = max(highest, 2.0 * _SLOW_HZ) if np.isfinite(highest) else _FREE_HZ
     some = slice(None, None, max(int(0.05 / (highest * dt)), 1))
     dq = np.gradient(simulated.q[:, 0], dt)
     ddq = np.gradient(dq, dt)
     rigid = np.column_stack([ddq, dq, np.sign(dq), np.ones(len(dq))])
     best, least, share = _SLOW_HZ, (1.5 * _SWINGS) ** 2 * float(np.sum(left[some] ** 2)), 0.0
-    for hz in np.geomspace(_SLOW_HZ, max(highest, 2.0 * _SLOW_HZ), _SWING_STEPS):
+    for hz in np.geomspace(_SLOW_HZ, highest, _SWING_STEPS):
         w = 2.0 * np.pi * float(hz)
         spring = [2.0 * _SWING_DAMPING * w, w**2]
         swing = signal.bilinear(spring, [1.0, *spring], 1.0 / dt)
