@@ -196,7 +196,7 @@ def gauss_newton(
         return Fit(fold, loop, values, free, e, np.zeros((len(e), len(free))))
     J = jacobian(fold, loop, values, free, step, simulation, e)
     for _ in range(iterations):
-        move = _solve(J, e, np.array([step[n] for n in free]))
+        move = _move(loop, values, free, J, e, np.array([step[n] for n in free]))
         trial, simulation, e_new = _search(fold, loop, values, free, move, e, simulation)
         gain = 1.0 - (e_new @ e_new) / (e @ e)
         if trial is None or gain <= 0.0:
@@ -207,6 +207,36 @@ def gauss_newton(
         if gain > KEEP_JACOBIAN:
             J = jacobian(fold, loop, values, free, step, simulation, e)
     return Fit(fold, loop, values, free, e, J)
+
+
+def _move(
+    loop: ClosedLoop,
+    values: Mapping[str, float],
+    free: Sequence[str],
+    J: Array,
+    e: Array,
+    units: Array,
+) -> Array:
+    """Return the Gauss-Newton step, (n_free,), in which a parameter at a bound does not leave it.
+
+    The others are solved for without it: cut off afterwards, its part of the step would leave them
+    with what it should have balanced.
+
+    J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, section 16.7.
+    """
+    low, high = (
+        np.array([getattr(loop.parameters[n], end) for n in free]) for end in ("lower", "upper")
+    )
+    at = np.array([values[n] for n in free])
+    inside, move = np.ones(len(free), dtype=bool), np.zeros(len(free))
+    for _ in free:
+        move[:] = 0.0
+        move[inside] = _solve(J[:, inside], e, units[inside])
+        leaves = inside & (((at <= low) & (move < 0.0)) | ((at >= high) & (move > 0.0)))
+        if not leaves.any():
+            break
+        inside &= ~leaves
+    return move
 
 
 def _solve(J: Array, e: Array, units: Array) -> Array:
