@@ -7,6 +7,8 @@ import ivtools as iv
 from benchmarks import moves
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
+from ivtools.gap.rules import SWINGING
+from ivtools.gap.swing import Swing, strongest
 from ivtools.physics import EFFECTS
 
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -40,6 +42,34 @@ def test_a_nuisance_takes_one_of_its_values(scales):
     box = Box(EFFECTS["backlash"], scales)
     assert {p["load_offset"] for p in box.points(5)} == {0.0, 1.0}
     assert {p["damping"] for p in box.points(3)} == {0.2, 0.7}
+
+
+def test_a_load_without_friction_is_one_choice_of_four(scales):
+    shares = np.array([p["load_friction"] for p in Box(EFFECTS["backlash"], scales).points(6)])
+    assert np.sum(shares == 0.0) == 16
+    assert np.all((shares == 0.0) | (shares >= 0.1))
+
+
+def test_a_backlash_before_a_load_without_friction_is_found():
+    """Very little friction there makes another motion than none: no gradient leads to it."""
+    true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.0, "contact_hz": 220.0}
+    loop, theta = axis("backlash", **true, load_offset=0.0, damping=0.5)
+    one, two = (moves.record(loop, theta, 16.0, s) for s in (3, 13))
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert gap.effects == ("backlash",)
+    assert gap.parameters["backlash"]["gap"] == pytest.approx(true["gap"], rel=0.05)
+
+
+def test_a_swing_is_found_in_noise():
+    rng, dt = np.random.default_rng(5), 2e-3
+    ddq, keep = np.sign(np.sin(2.0 * np.pi * 0.23 * np.arange(8000) * dt)), np.full(8000, True)
+    noise = rng.normal(size=8000)
+    ringing = 20.0 * Swing(1.3, 0.02).of(ddq, dt)[:, 1]
+    found = strongest(ddq, ringing + noise, keep, dt)
+    assert found.swing.hz == pytest.approx(1.3, rel=0.01)
+    assert found.swing.damping == pytest.approx(0.02, rel=0.2)
+    assert found.share > SWINGING > strongest(ddq, noise, keep, dt).share
+    assert strongest(ddq, 0.0 * noise, keep, dt).share == 0.0
 
 
 def test_alternatives_act_one_at_a_time(scales):

@@ -10,9 +10,13 @@ from scipy import signal
 
 import ivtools as iv
 from benchmarks import moves
+from ivtools.gap.attribute import _outdone
+from ivtools.gap.discrepancy import Spline
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
+from ivtools.gap.rules import Rules
 from ivtools.gap.smooth import Basis, Columns
+from ivtools.gap.swing import Swing
 from ivtools.gap.verdict import lowers
 from ivtools.physics import Parameter, Term
 
@@ -126,6 +130,50 @@ def test_a_force_with_a_memory_is_described_and_not_adequate():
     gap = iv.diagnose(belted(12), iv.axes.emps(), belted(13))
     assert gap.effects == () and gap.verdict == "unexplained"
     assert gap.discrepancy.over[0] == "past" and "the motion before" in gap.summary()
+
+
+def carrying(seed):
+    """Return a record of an axis from which a load hangs that swings at 0.9 Hz."""
+    loop, plain = iv.axes.emps(), record(seed)
+    ddq = loop.simulate(plain, BASE).ddq[:, 0]
+    force = 2000.0 * Swing(0.9, 0.01).of(ddq, plain.dt)[:, 1]
+    noise = np.random.default_rng(seed).normal(size=plain.n_samples)
+    run = loop.simulate(plain, BASE, force_noise=force + 0.6 * noise)
+    return iv.Record(plain.t, q=run.q, q_ref=plain.q_ref, nu=run.nu)
+
+
+def test_a_load_that_hangs_from_the_axis_is_no_noise():
+    gap = iv.diagnose(carrying(14), iv.axes.emps(), carrying(15))
+    assert gap.effects == () and gap.verdict == "unexplained"
+    assert gap.discrepancy.over[0] == "swing" and "the swing of a load" in gap.summary()
+    assert gap.shrink.floor < 0.5 * gap.shrink.before
+
+
+def test_a_name_falls_where_a_force_without_one_explains_more():
+    rng, shape = np.random.default_rng(2), np.sin(np.arange(2000) / 7.0)
+    noise = rng.normal(size=2000)
+
+    def fit(size):
+        e = noise + size * shape
+        sums = SimpleNamespace(block_sums=lambda x: x.reshape(40, 50).sum(axis=1))
+        return SimpleNamespace(fold=sums, e=e, J=np.ones((2000, 1)), cost=float(np.mean(e**2)))
+
+    def spline(size):
+        return Spline((), (), 0.0, (noise + size * shape,))
+
+    base, rules = (fit(3.0),), Rules()
+    assert _outdone(base, (fit(1.5),), spline(0.0), spline(0.0), rules)
+    assert not _outdone(base, (fit(0.5),), spline(0.0), spline(0.0), rules)  # equivalent
+    assert not _outdone(base, (fit(1.5),), spline(0.8), spline(0.0), rules)  # both are there
+
+
+def test_forces_that_remember_have_one_unit_on_every_fold():
+    run = iv.axes.emps().simulate(iv.datasets.twin(), BASE)
+    slow = SimpleNamespace(q=run.q, dq=0.5 * run.dq, tau=0.5 * run.tau, t=run.t)
+    basis = Basis.of([run, slow])
+    fast, half = basis.parts(run), basis.parts(slow)
+    np.testing.assert_allclose(half["heat"][:, 0], 0.5 * fast["heat"][:, 0])
+    np.testing.assert_allclose(half["gain"][:, 0], 0.5 * fast["gain"][:, 0])
 
 
 def test_hat_functions_add_up_to_one():

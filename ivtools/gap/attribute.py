@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from .candidate import Trial, attempt, frozen
-from .discrepancy import Laws, advantage, fitted
+from .discrepancy import Laws, Spline, advantage, fitted
 from .fit import Fit, gauss_newton, steps
 from .fold import Side, threaded
 from .library import library
@@ -45,6 +45,7 @@ from .rules import (
     Rules,
 )
 from .screen import Score, screen
+from .smooth import beside
 
 Array = NDArray[np.float64]
 
@@ -481,34 +482,58 @@ def attribute(
     left = bool(best) and cost(models[-1]) >= CLEAN  # something to describe
     laws = next(filter(None, map(Laws.of, models[::-1])), None) if left else None
     seen = bool(best) and best[0].name == rounds[0].measured
-    best = best[: len(best) if laws is None else _told(models, laws, least=int(seen))]
+    best = best[: len(best) if laws is None else _told(models, laws, rules, least=int(seen))]
     fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
     kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
     found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws=laws)
     return _withdrawn(sides, found)
 
 
-def _told(models: Sequence[tuple[Fit, ...]], laws: Laws, least: int) -> int:
+def _told(models: Sequence[tuple[Fit, ...]], laws: Laws, rules: Rules, least: int) -> int:
     """Return how many names, in their order, tell more than a force without a name does.
 
     Every smooth law is close to some effect. So a force without a name describes what is left,
     after each number of names and without any, and held-out data judge: of those that predict as
-    well as the best, within a standard error, the one with most names is taken. The first stays
-    if a further sensor in the law has measured it, for that is no guess: `least` is 1 then.
+    well as the best, within a standard error, the one with most names is taken that the force
+    without a name does not outdo by itself. The first stays if a further sensor in the law has
+    measured it, for that is no guess: `least` is 1 then.
 
     L. Breiman, J. H. Friedman, R. A. Olshen, C. J. Stone, "Classification and Regression Trees",
     1984, section 3.4.3: the one-standard-error rule.
     """
     left = threaded(lambda fits: fitted(fits, laws), models)
-    return next(
-        (
-            k
-            for k in range(len(models) - 1, least, -1)
-            if all(
-                advantage(models[0], other, left[k]) > -STANDARD_ERRORS for other in left[least:k]
-            )
-        ),
-        least,
+
+    def holds(k: int) -> bool:
+        """Whether so many names do."""
+        if any(advantage(models[0], other, left[k]) < -STANDARD_ERRORS for other in left[least:k]):
+            return False
+        return least > 0 or not _outdone(models[0], models[k], left[0], left[k], rules)
+
+    return next((k for k in range(len(models) - 1, least, -1) if holds(k)), least)
+
+
+def _outdone(
+    base: tuple[Fit, ...], held: tuple[Fit, ...], plain: Spline, both: Spline, rules: Rules
+) -> bool:
+    """Whether a force without a name explains what names do, and significantly more.
+
+    By more than effects may differ that are equivalent, and unless the names have something that
+    it has not: then both are there.
+
+    Parameters
+    ----------
+    base, held : tuple of Fit
+        The model without effects, and with those that are named.
+    plain, both : Spline
+        Of what either leaves.
+    """
+    nameless = float(np.mean([np.mean(e**2) for e in plain.left]))
+    more = cost(held) - nameless > rules.equivalence * (cost(base) - nameless)
+    alone = Spline((), (), 0.0, tuple(beside(h, h.e[:, None])[:, 0] for h in held))
+    return (
+        more
+        and advantage(base, alone, plain) > DISCREPANCY_T
+        and advantage(base, plain, both) < DISCREPANCY_T
     )
 
 

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
+from scipy.stats import qmc
 
 from ..loop import ClosedLoop
 from ..physics import Term
@@ -18,6 +19,7 @@ from .fold import Fold, Side, block_t
 from .library import Box, Scales, alternatives
 from .rules import (
     CROWD,
+    FIRST_CROWD,
     GENERATIONS,
     MUTATION,
     OTHER_WAVE_T,
@@ -282,6 +284,8 @@ def _absent(term: Term) -> dict[str, float]:
 
 def _free(term: Term, values: Mapping[str, float]) -> list[str]:
     own = [p for p in term.parameters if not p.nuisance]
+    if term.search == "valleys":  # none of it is another motion than little: no way leads there
+        own = [p for p in own if values[p.name] != 0.0]
     if term.search in ("either", "scan"):  # a shape that starts without effect stays there
         own = [p for p in own if p.linear or values[p.name] != p.neutral]
     return [f"{term.name}.{p.name}" for p in own]
@@ -339,11 +343,12 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> Poin
         return sum(c(box.point(x)) for c in costs)
 
     with ThreadPoolExecutor(2) as pool:
+        drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(FIRST_CROWD)
+        order = np.argsort(list(pool.map(cost, drawn)), kind="stable")
         found = differential_evolution(
             cost,
             Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
-            init="sobol",
-            popsize=CROWD,
+            init=drawn[order[: CROWD * box.dimensions]],
             maxiter=GENERATIONS,
             mutation=MUTATION,
             recombination=RECOMBINATION,

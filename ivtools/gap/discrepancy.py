@@ -11,7 +11,7 @@ Science 11(2), 1996.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from ..loop import Simulation
-from . import spatial_lines
+from . import spatial_lines, swing
 from .fit import Fit, normal
 from .fold import block_t, threaded
 from .rules import DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
@@ -38,6 +38,7 @@ _NAMES = {
     "past": "the motion before",
     "heat": "how much moved before",
     "wave": "position (periodic)",
+    "swing": "the swing of a load",
 }
 
 
@@ -144,13 +145,31 @@ class Laws:
         if not all(r.finite for r in runs) or any(f.fold.response is None for f in fits):
             return None
         basis = Basis.of(runs)
-        parts = [basis.parts(r) for r in runs]
-        place, last = {}, 0
-        for name, columns in parts[0].items():
-            place[name] = np.arange(last, last := last + columns.shape[1])
+        parts = _alike([basis.parts(r) for r in runs])
+        place = _places(parts[0])
         forces = tuple(np.hstack(list(p.values())) for p in parts)
         answers = tuple(threaded(lambda f, F: f.fold.answers(F), fits, forces))
         return cls(basis, runs, forces, place, answers, tuple(threaded(lambda A: A.T @ A, answers)))
+
+
+def _places(parts: Mapping[str, Array], first: int = 0) -> dict[str, NDArray[np.int_]]:
+    """Return the columns of each part, side by side from the first one on."""
+    widths = [p.shape[1] for p in parts.values()]
+    edges = first + np.cumsum([0, *widths])
+    return {n: np.arange(a, b) for n, a, b in zip(parts, edges[:-1], edges[1:], strict=True)}
+
+
+def _alike(parts: list[dict[str, Array]]) -> list[dict[str, Array]]:
+    """Return forces of which those that remember are of unit size, over all folds together.
+
+    One size for all: a coefficient that one fold has found means the same on the other. Hats and
+    waves have their size already.
+    """
+    sizes: dict[str, Array] = {}
+    for name in (n for n in ("past", "heat", "swing") if n in parts[0]):
+        size = np.sqrt(np.mean(np.vstack([p[name] for p in parts]) ** 2, axis=0))
+        sizes[name] = np.where(size > 0.0, size, 1.0)
+    return [{name: x / sizes[name] if name in sizes else x for name, x in p.items()} for p in parts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,6 +253,19 @@ def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ..
     return tuple(found)
 
 
+def _swings(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[swing.Swing, ...]:
+    """Return the most likely load that hangs from the axis, of each fold."""
+
+    def found(f: Fit, run: Simulation) -> swing.Swing:
+        """Return that of one fold."""
+        e = np.zeros(len(run.t))
+        e[f.fold.keep] = beside(f, f.e[:, None])[:, 0]
+        answer = f.fold.heard(run.ddq[:, 0])
+        return swing.strongest(answer, e, f.fold.keep, f.fold.record.dt).swing
+
+    return tuple(threaded(found, fits, runs))
+
+
 class _Step(NamedTuple):
     """What a spline over some signals does to each fold when the other one has fitted it."""
 
@@ -246,16 +278,17 @@ class _Step(NamedTuple):
 class _Search:
     """Normal equations and penalties of every column, of which steps take some.
 
-    Waves are the only columns of a model's own: their periods are those of what it leaves.
+    Waves and swings are columns of a model's own: their periods are those of what it leaves.
     """
 
     def __init__(self, fits: Sequence[Fit], laws: Laws) -> None:
-        basis = replace(laws.basis, periods=_periods(fits, laws.runs))
-        waves = [basis.waves(r) for r in laws.runs]
-        m = len(laws.squares[0])
-        self.place = {**laws.place, "wave": np.arange(m, m + waves[0].shape[1])}
-        self.forces = [np.hstack(pair) for pair in zip(laws.forces, waves, strict=True)]
-        own = [f.fold.answers(w) for f, w in zip(fits, waves, strict=True)]
+        periods, swings = _periods(fits, laws.runs), _swings(fits, laws.runs)
+        basis = replace(laws.basis, periods=periods, swings=swings)
+        parts = _alike([{"wave": basis.waves(r), "swing": basis.swinging(r)} for r in laws.runs])
+        more = [np.hstack(list(p.values())) for p in parts]
+        self.place = {**laws.place, **_places(parts[0], len(laws.squares[0]))}
+        self.forces = [np.hstack(pair) for pair in zip(laws.forces, more, strict=True)]
+        own = [f.fold.answers(F) for f, F in zip(fits, more, strict=True)]
         folds = zip(fits, laws.answers, own, laws.squares, strict=True)
         self.seen = [Columns(*fold) for fold in folds]
         self.squares = [c.square for c in self.seen]
@@ -333,7 +366,8 @@ def _curve(
     forces: Sequence[Array],
 ) -> tuple[tuple[float, float, float], ...]:
     """Return the mean force at the knots of one signal, forwards and backwards."""
-    name = {"state": "q", "gain": "q", "wave": "q", "past": "dq", "heat": "dq"}.get(name, name)
+    by_place = name in ("q", "state", "gain", "wave")
+    name = "q" if by_place else "load" if name == "load" else "dq"
     kinds = dict(zip(("q", "dq", "load"), signals(runs), strict=True))
     x = np.concatenate([s[:, 0] for s in kinds[name]])
     hats = basis.hats(name, x if name == "q" else np.abs(x))

@@ -18,7 +18,7 @@ from ..limits import LARGEST
 from ..loop import Simulation
 from ..physics import EFFECTS
 from ..record import Record
-from . import spatial_lines
+from . import spatial_lines, swing
 from .fit import Fit
 from .fold import Fold, Side
 from .parity import Parity
@@ -44,6 +44,7 @@ from .rules import (
     PERIODIC,
     QUIET,
     SPLIT_HZ,
+    SWINGING,
     WINDOW,
 )
 
@@ -142,6 +143,12 @@ def measure(fit: Fit, response: Response, raw: Array) -> Floor:
     simulation = fold.simulate(fit.loop, fit.values)
     columns = response(features(simulation))
     rest = _project(columns, fit, raw, keep)
+    found = swing.strongest(response(simulation.ddq[:, 0]), rest, keep, dt)
+    if found.share > SWINGING:  # a load that hangs from the axis would pass for slow noise
+        ringing = found.swing.of(simulation.ddq[:, 0], dt)
+        ringing = np.hstack([ringing, found.swing.begun(len(raw), dt)])
+        columns = np.hstack([columns, response(ringing)])
+        rest = _project(columns, fit, raw, keep)
     for first in (True, False):
         quiet = _quiet(rest, keep, dt)
         whitener = autoregression(rest, quiet)

@@ -149,7 +149,7 @@ class Fold:
         return np.asarray(white - (basis * shares) @ (basis.T @ white))
 
     @cached_property
-    def _heard(self) -> Response:
+    def heard(self) -> Response:
         """Of the whitened error to a force."""
         assert self.response is not None
         impulse = np.convolve(self.response.impulse, self.whitener)
@@ -157,7 +157,7 @@ class Fold:
 
     def answers(self, forces: Array) -> Array:
         """Return the change of the whitened error by forces in the columns, (n_kept, m)."""
-        return self._discounted(-self._heard(forces).T[:, self.keep].T)
+        return self._discounted(-self.heard(forces).T[:, self.keep].T)
 
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""

@@ -89,7 +89,8 @@ class Box:
     """What the starting values of an effect span: the unit cube, stretched.
 
     A side goes from the least to the largest of them, in logarithms unless it begins at zero; of a
-    nuisance the values themselves are the choice.
+    nuisance the values themselves are the choice. Zero beside several others is one choice in so
+    many: a load without friction moves otherwise than one with very little.
     """
 
     term: Term
@@ -125,6 +126,9 @@ def _span(grid: list[float]) -> Callable[[float], float]:
     low, high = min(grid), max(grid)
     if low > 0.0:
         return lambda u: low * (high / low) ** u
+    if len(grid) > 2:
+        some, none = _span([x for x in grid if x > 0.0]), 1.0 / len(grid)
+        return lambda u: some((u - none) / (1.0 - none)) if u >= none else 0.0
     return lambda u: low + u * (high - low)
 
 

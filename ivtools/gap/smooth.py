@@ -29,13 +29,14 @@ from .rules import (
     SPEED_KNOTS,
     TO_ZERO,
 )
+from .swing import Swing
 
 Array = NDArray[np.float64]
 
 #: What a force may depend on: "state" is position and speed together, "gain" load times position
 #: or speed, "past" the motion before, "heat" friction by how much moved before, "wave" friction
-#: that is periodic over position.
-OVER = ("q", "dq", "load", "state", "gain", "past", "heat", "wave")
+#: that is periodic over position, "swing" what a load does that hangs from the axis.
+OVER = ("q", "dq", "load", "state", "gain", "past", "heat", "wave", "swing")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +50,13 @@ class Basis:
         ``"where"`` and ``"how fast"``, of position and speed together.
     periods : tuple of float
         Of waves over position, m or rad.
+    swings : tuple of Swing
+        Of loads that hang from the axis.
     """
 
     knots: dict[str, Array]
     periods: tuple[float, ...] = ()
+    swings: tuple[Swing, ...] = ()
 
     @classmethod
     def of(cls, runs: Sequence[Simulation], spacing: float = 0.0) -> Basis:
@@ -89,15 +93,18 @@ class Basis:
         return np.hstack([hats, hats * np.sign(signed["dq"])[:, None]])
 
     def parts(self, run: Simulation) -> dict[str, Array]:
-        """Return forces over each of `OVER` but waves, (n_samples, m)."""
+        """Return forces over each of `OVER` but waves and swings, (n_samples, m).
+
+        Their units are the basis's, not the run's: a coefficient is the same on every fold.
+        """
         q, dq, tau = (s[0][:, 0] for s in signals([run]))
         sign, dt = np.sign(dq), float(run.t[1] - run.t[0])
-        v = dq / max(float(np.max(np.abs(dq))), 1e-300)
+        v = dq / max(float(self.knots["dq"][-1]), 1e-300)
         found = {n: self.over(n, run) for n in ("q", "dq", "load")}
         where, fast = self.hats("where", q), self.hats("how fast", np.abs(dq))
         both = (where[:, :, None] * fast[:, None, :]).reshape(len(q), -1)
         found["state"] = np.hstack([both, both * sign[:, None]])
-        load = tau / max(float(np.sqrt(np.mean(tau**2))), 1e-300)
+        load = tau / max(float(self.knots["load"][-1]), 1e-300)
         found["gain"] = np.hstack([where, fast]) * load[:, None]
         found["past"] = _past(v, dt)
         found["heat"] = _heat(v, dt)
@@ -106,10 +113,17 @@ class Basis:
     def waves(self, run: Simulation) -> Array:
         """Return dry and viscous friction that is periodic over position, (n_samples, m)."""
         q, dq = run.q[:, 0], run.dq[:, 0]
-        friction = np.column_stack([np.sign(dq), dq / max(float(np.max(np.abs(dq))), 1e-300)])
+        top = float(self.knots["dq"][-1]) if "dq" in self.knots else float(np.max(np.abs(dq)))
+        friction = np.column_stack([np.sign(dq), dq / max(top, 1e-300)])
         each = [np.exp(2j * np.pi * q / p)[:, None].view(float) for p in self.periods]
         columns = [wave * w[:, None] for w in friction.T for wave in each]
         return np.hstack(columns) if columns else np.empty((len(q), 0))
+
+    def swinging(self, run: Simulation) -> Array:
+        """Return what loads do that the axis sets swinging, (n_samples, m)."""
+        dt = float(run.t[1] - run.t[0])
+        columns = [s.of(run.ddq[:, 0], dt) for s in self.swings]
+        return np.hstack(columns) if columns else np.empty((len(run.t), 0))
 
     def hats(self, name: str, x: Array) -> Array:
         """Return the hat functions of a signal at some values, (n, knots)."""
@@ -164,17 +178,13 @@ def _past(v: Array, dt: float) -> Array:
         p = np.exp((-RINGING_DAMPING + 1j) * 2.0 * np.pi * hz * dt)
         y = signal.lfilter([1.0 - abs(p)], [1.0, -p], v)
         found += [y.real, y.imag]
-    return _unit_size(np.column_stack(found))
+    return np.column_stack(found)
 
 
 def _heat(v: Array, dt: float) -> Array:
     """Return dry and viscous friction by how much the axis moved of late."""
     warm = [_leaky(np.abs(v), seconds, dt) for seconds in COOLING]
-    return _unit_size(np.column_stack([w * x for w in warm for x in (np.sign(v), v)]))
-
-
-def _unit_size(columns: Array) -> Array:
-    return np.asarray(columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300))
+    return np.column_stack([w * x for w in warm for x in (np.sign(v), v)])
 
 
 class Columns:

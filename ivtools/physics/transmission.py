@@ -149,7 +149,7 @@ BACKLASH = Term(
             upper=1.0,
             neutral=0.5,
             scale="one",
-            scan=(0.1, 0.5, 0.9),
+            scan=(0.0, 0.1, 0.5, 0.9),
         ),
         Parameter(
             "load_offset",
