@@ -1,10 +1,10 @@
 """Arms of 2, 3 and 6 joints with one to three hidden effects: which joint, which effect.
 
-    python -m benchmarks.withheld.robots [--cases 30] [--table]
+    python -m benchmarks.withheld.robots [--cases 28] [--effects backlash ...] [--table]
 
 appends to benchmarks/results/robots/diagnosis.csv one row per joint of every case that it does not
 hold yet. A case draws an arm, its frictions, noise of the encoders, motion, and the effects, from
-its seed alone; every fourth has none. Diagnosed with a hold-out of another motion. A flexible joint
+its seed alone; every fourth has none, and of the others the first effect goes through all kinds. Diagnosed with a hold-out of another motion. A flexible joint
 and one with backlash have a mass of their own on the drive: the truth is an arm of one joint more,
 with a spring or a gap in it, and not the library's model of either.
 
@@ -15,9 +15,11 @@ forces of all joints, over that of the truth. From `SHOWS` on, a joint is judged
 
 import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -33,7 +35,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from robots import SIX_GAINS, axis, plan, reference, six_loop, two_axes, two_joints
 
 RESULTS = Path(__file__).parents[1] / "results" / "robots" / "diagnosis.csv"
-FIRST = 7000  # seed; from 5000 on, cases have shown what was wrong
+FIRST = 8000  # seed; cases from 5000 on and from 7000 on have shown what was wrong
 ARMS = (2, 3, 6)
 SECONDS = 15.0
 EFFECTS = (
@@ -100,7 +102,11 @@ def _contact(q, dq, ddq, sign, tau, t, k, c, gap):
 CONTACT = Term(
     "contact",
     "mechanics",
-    tuple(Parameter(n, u) for n, u in (("k", "{F}/{L}"), ("c", "1"), ("gap", "{L}"))),
+    (
+        Parameter("k", "{F}/{L}"),
+        Parameter("c", "{F}/({L}/s)"),
+        Parameter("gap", "{L}", lower=0.0, scan=(1e-3,)),  # the force is not linear in it
+    ),
     "k (q - gap / 2) + c dq",
     "a spring, with a gap in it",
     law=_contact,
@@ -192,20 +198,39 @@ def energy(record: iv.Record, clean: iv.Record, without: iv.RobotLoop, joint: in
     return float(np.mean(left[joint] ** 2) / floor)
 
 
-def case(number: int) -> list[dict]:
-    """One row per joint of a case."""
-    rng = np.random.default_rng(FIRST + number)
+class Case(NamedTuple):
+    """An arm, what is hidden in its joints, the noise of its encoders, rad, and two records.
+
+    Each record comes with what it would be without noise.
+    """
+
+    loop: iv.RobotLoop
+    hidden: dict[str, tuple[str, dict[str, float]]]
+    noise: float
+    both: list[tuple[iv.Record, iv.Record]]
+
+
+def draw(number: int, first: int = FIRST, kinds: Sequence[str] = EFFECTS) -> Case:
+    """Draw a case; its first effect goes through all kinds in turn, others are drawn."""
+    rng = np.random.default_rng(first + number)
     n = ARMS[number % len(ARMS)]
     loop = arm(n, rng)
     count = 0 if number % 4 == 3 else int(rng.integers(1, min(3, n) + 1))
-    hidden = {}
+    turn = number - (number + 1) // 4  # of the cases that hide something
+    hidden: dict[str, tuple[str, dict[str, float]]] = {}
     for j in rng.permutation(n)[:count]:
-        effect = EFFECTS[rng.integers(len(EFFECTS))]
+        kind = kinds[rng.integers(len(kinds)) if hidden else turn % len(kinds)]
         friction = float(loop.axes[j].start["coulomb"])
-        hidden[loop.joints[j]] = (effect, drawn(effect, friction, rng))
+        hidden[loop.joints[j]] = (kind, drawn(kind, friction, rng))
     noise, true = float(10.0 ** rng.uniform(-5.5, -4.0)), with_effects(loop, hidden)
-    both = [measured(true, n, 2 * (FIRST + number) + k, noise) for k in (0, 1)]
-    start = process_time()
+    both = [measured(true, n, 2 * (first + number) + k, noise) for k in (0, 1)]
+    return Case(loop, hidden, noise, both)
+
+
+def case(number: int, first: int = FIRST, kinds: Sequence[str] = EFFECTS) -> list[dict]:
+    """One row per joint of a case."""
+    loop, hidden, noise, both = draw(number, first, kinds)
+    n, start = loop.n_joints, process_time()
     found = iv.diagnose_robot(both[0][0], loop, both[1][0])
     used = (process_time() - start) / n
     rows = []
@@ -244,9 +269,9 @@ def judged(row: pd.Series) -> str:
     return "twin" if row["hidden"] in str(row["twins"]).split() else "wrong"
 
 
-def summary() -> pd.DataFrame:
+def summary(results: Path) -> pd.DataFrame:
     """Answers by effect, of those that show and of the others, and times."""
-    table = pd.read_csv(RESULTS, keep_default_na=False)
+    table = pd.read_csv(results, keep_default_na=False)
     table["answer"] = table.apply(judged, axis=1)
     seen = np.where(table["energy"] > SHOWS, "shows", "hardly shows")
     table["kind"] = np.where(table["hidden"] == "", "", seen)
@@ -260,19 +285,23 @@ def summary() -> pd.DataFrame:
 def main() -> None:
     """Run the cases that are missing."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--cases", type=int, default=30)
-    parser.add_argument("--table", action="store_true")
+    parser.add_argument("--cases", type=int, default=28)
+    parser.add_argument("--first", type=int, default=FIRST, help="seed of case 0")
+    parser.add_argument("--effects", nargs="+", choices=EFFECTS, default=EFFECTS)
+    parser.add_argument("--file", type=Path, default=RESULTS, help="csv to which rows are added")
+    parser.add_argument("--table", action="store_true", help="of the rows that are there")
     given = parser.parse_args()
-    done = set(pd.read_csv(RESULTS)["case"]) if RESULTS.exists() else set()
+    results = given.file
+    done = set(pd.read_csv(results)["case"]) if results.exists() else set()
     for number in () if given.table else [k for k in range(given.cases) if k not in done]:
-        frame = pd.DataFrame(case(number))
-        RESULTS.parent.mkdir(parents=True, exist_ok=True)
+        frame = pd.DataFrame(case(number, given.first, given.effects))
+        results.parent.mkdir(parents=True, exist_ok=True)
         frame.to_csv(
-            RESULTS, mode="a", header=not RESULTS.exists(), index=False, float_format="%.5g"
+            results, mode="a", header=not results.exists(), index=False, float_format="%.5g"
         )
-        print(frame[["case", "joint", "hidden", "named", "verdict", "seconds"]].to_string())
+        print(frame[["case", "joint", "hidden", "energy", "named", "verdict", "seconds"]])
         sys.stdout.flush()
-    print(summary())
+    print(summary(results))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from scipy.stats import qmc
 from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from ..record import Record
-from .rules import BEHIND, MOST_SCANS, SAME_SIGNAL
+from .rules import BEHIND, LINKED, MOST_SCANS, SAME_SIGNAL
 
 Array = NDArray[np.float64]
 
@@ -165,9 +165,10 @@ def alternatives(term: Term, scales: Scales) -> list[dict[str, float]]:
 
 
 def _grids(term: Term, scales: Scales) -> dict[str, list[float]]:
-    slow = BEHIND if term.name == "flexibility" and scales.second_body else {}
+    known = LINKED if scales.record.load is not None else BEHIND if scales.second_body else {}
+    own = known.get(term.name, {})
     return {
-        p.name: [x * scales.sizes[p.scale] for x in slow.get(p.name, p.scan)]
+        p.name: [x * scales.sizes[p.scale] for x in own.get(p.name, p.scan)]
         for p in term.parameters
         if not p.linear
     }

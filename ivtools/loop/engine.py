@@ -127,7 +127,8 @@ def simulate(
         ramp,
         (at := _noise("place", place, n)),
         _noise("position_noise", position_noise, n),
-        _pushed(record, _noise("force_noise", force_noise, n)),
+        _noise("force_noise", force_noise, n),
+        _column(record.load, n) if record.load is not None else np.zeros(0),
         float(quantum),
         *law[1:],
         *plant(loop, values, general=ramp, stiction=stiction),
@@ -205,13 +206,6 @@ def driven(
         v,
         first,
     )
-
-
-def _pushed(record: Record, force: Array) -> Array:
-    """Return the force from outside on the drive's side: noise, less the known load."""
-    if record.load is None:
-        return force
-    return (force if force.size else 0.0) - np.ascontiguousarray(record.load[:, 0])
 
 
 def effective_controller(loop: ClosedLoop, values: Mapping[str, float]) -> Controller:

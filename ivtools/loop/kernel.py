@@ -71,6 +71,7 @@ _MATRIX = types.Array(float64, 2, "C", readonly=True)
         _VECTOR,
         _VECTOR,
         _VECTOR,
+        _VECTOR,
         float64,
         _VECTOR,
         _VECTOR,
@@ -101,6 +102,7 @@ def run(
     place,
     position_noise,
     force_noise,
+    load,
     quantum,
     gains,
     taps,
@@ -127,7 +129,8 @@ def run(
     what its known inputs add to the command and to its states, `gains` and `b_matrix` belong to
     the measured position and velocity, and `inner` is its state. `first` holds the commands, added
     inputs excluded, that precede the law's own: `delay` of them, then the one before the record.
-    Forces that depend on the position act at `place`, (n_samples,), if it is not empty.
+    Forces that depend on the position act at `place`, (n_samples,), if it is not empty. Of two
+    masses a known `load` pulls at the second one, and a disturbance at the first.
     """
     samples, past = known.size, taps.size - 1
     whole, planned = drive_delay(dt, p, on)[0], plan(dt, n, p, on)
@@ -136,7 +139,7 @@ def run(
     p["apart"] = place[0] - q_start if place.size else 0.0
     _fill_before(seen, law, sent, past, delay, whole, first, q_start, v_start, dt, p, on)
     q, v, force, gain = q_start, v_start, p["gain"] * first[delay], p["gain"]
-    x, rigid, pace = (q, v, q, v, 0.0), not on["effects"], planned[1]
+    x, rigid, pace, shift = (q, v, q, v, 0.0), not on["effects"], planned[1], p["shift"]
     for k in range(samples):
         if place.size:
             p["apart"] = place[k] - q
@@ -157,7 +160,12 @@ def run(
             )  # fmt: skip
         law[delay + k] = value
         sent[whole + 1 + k] = out[3, k] = min(max(law[k], -limit), limit) + added[k]
-        outside = p["outside"] = force_noise[k] if force_noise.size else 0.0
+        outside = force_noise[k] if force_noise.size else 0.0
+        if load.size:
+            outside -= load[k]
+            if on["two"]:
+                p["shift"] = shift - load[k]
+        p["outside"] = outside
         if rigid:
             tau = gain * sent[k + 1] + outside
             q, v, a = rigid_step(q, v, tau, pace, p, on, user)

@@ -21,9 +21,9 @@ from ..physics.transmission import contact, push
 _SWITCHES = ("own", "effects", "beyond", "two", "sign")
 OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user's own laws
 # what follows from the parameters: two inertias, the share of the friction that sits on the load,
-# what of the offset it hands back to the motor, stiffness, damping and gap between the masses, the
-# stiffness of a bristle, how far apart the place of spatial forces is from the position, and the
-# force from outside in what is given as tau, which no drive transmits
+# what of the offset and of outside forces it takes over from the motor, stiffness, damping and gap
+# between the masses, the stiffness of a bristle, how far apart the place of spatial forces is from
+# the position, and the force from outside in what is given as tau, which no drive transmits
 _DERIVED = ("motor", "load", "share", "shift", "k", "c", "gap", "bristle", "apart", "outside")
 _NAMES = (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN, *_DERIVED)
 # integration steps per sample, and terms of the series of a vibration
