@@ -237,6 +237,18 @@ def test_only_an_offset_of_the_load_preloads_a_gap():
     assert runs[1.0] < 0.5 * runs[0.0]
 
 
+@pytest.mark.parametrize("effect", ["backlash", "flexibility", "stribeck"])
+def test_a_known_load_pulls_at_the_second_mass(effect):
+    """A steady one is an offset of the load; with one mass it is any offset."""
+    joint = {} if effect == "stribeck" else {"load_share": 0.3, "load_friction": 1.0}
+    joint |= {"load_offset": 1.0} if effect == "backlash" else {}
+    loop = axes.emps().with_effect(effect, **SIZES[effect] | joint)
+    pulled = RECORD.replace(load=np.full((RECORD.n_samples, 1), 60.0))
+    one = loop.simulate(pulled, THETA | {"offset": 0.0}).nu
+    other = loop.simulate(RECORD, THETA | {"offset": 60.0}).nu
+    np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
+
+
 @pytest.mark.parametrize(
     ("effect", "name", "at"),
     [

@@ -13,7 +13,16 @@ from ivtools.loop.axis_file import from_tables
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks.withheld import axes, calibration, cells, motions, scores, truth, unknowns  # noqa: E402
+from benchmarks.withheld import (  # noqa: E402
+    axes,
+    calibration,
+    cells,
+    motions,
+    robots,
+    scores,
+    truth,
+    unknowns,
+)  # fmt: skip
 from benchmarks.withheld.cases import DETECTABLE, draw  # noqa: E402
 from benchmarks.withheld.experiments import Experiment, play, record, signature  # noqa: E402
 from benchmarks.withheld.run import done, run  # noqa: E402
@@ -206,3 +215,16 @@ def test_probabilities_that_are_right_are_reliable():
         for p in rng.uniform(0.2, 1.0, 2000)
     ]
     assert calibration.reliability(calibration.stated(rows)).error < 0.04
+
+
+def test_a_gap_of_an_arm_is_one():
+    """A joint's link, still and pulled by its weight, hangs below the drive by gap and spring."""
+    loop = robots.arm(2, np.random.default_rng(0))
+    t = np.arange(2000) * 1e-3
+    rest = 1e-12 * np.random.default_rng(0).standard_normal((2000, 3))
+    still = iv.Record(t, q=rest, q_ref=rest, nu=rest)
+    hangs = []
+    for gap in (0.0, 4e-3):
+        true = robots.split(loop, "elbow", hz=40.0, damping=0.2, gap=gap)
+        hangs.append(true.simulate(still, initial="rest", substeps=4).q[-1, 2])
+    assert hangs[0] < 0.0 and hangs[1] - hangs[0] == pytest.approx(-2e-3, rel=0.02)

@@ -4,9 +4,10 @@
 
 appends to benchmarks/results/robots/diagnosis.csv one row per joint of every case that it does not
 hold yet. A case draws an arm, its frictions, noise of the encoders, motion, and the effects, from
-its seed alone; every fourth has none, and of the others the first effect goes through all kinds. Diagnosed with a hold-out of another motion. A flexible joint
-and one with backlash have a mass of their own on the drive: the truth is an arm of one joint more,
-with a spring or a gap in it, and not the library's model of either.
+its seed alone; every fourth has none, and of the others the first effect goes through all kinds.
+Diagnosed with a hold-out of another motion. A flexible joint and one with backlash have a mass of
+their own on the drive: the truth is an arm of one joint more, with a spring or a gap in it, and
+not the library's model of either.
 
 An effect *shows* by `energy`: how much more energy the whitened force error of its joint has in a
 simulation of the true arm without this one effect, all base parameters fitted to first order on the

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 from ..errors import AxisError, EstimationError, IVToolsError
 from ..estimators.instrumental import IDIMIV
@@ -22,7 +23,7 @@ from .diagnose import diagnose
 from .diagnosis import Diagnosis
 from .links import Links, measure
 from .robot_diagnosis import Coupled, RobotDiagnosis
-from .rules import FAINT, ROUNDS
+from .rules import FAINT, ROUNDS, Rules
 from .verdict import lowers
 
 Array = NDArray[np.float64]
@@ -47,6 +48,8 @@ def diagnose_robot(
     diagnosed as any other. An effect of one joint biases the links, and so shows in others: the
     robot is fitted again with all that was named, and every joint that named something is
     diagnosed again with the loads of those links. What it then no longer names was not its own.
+    A robot's joints have one mass each; the links behind a flexible joint, or one with backlash,
+    swing as that joint by itself says, the joint with the largest gain first.
 
     Parameters
     ----------
@@ -78,21 +81,39 @@ def diagnose_robot(
     told: dict[Record, Links | None] = {}
     for again in range(ROUNDS):
         told = {one: measure(better, one, told.get(one)) for one in records}
-        for j in wanted:
+        soft: dict[str, Diagnosis] = {}
+        for j in sorted(wanted, key=lambda j: -_swing(found.get(loop.joints[j]))):
             name = loop.joints[j]
             say(f"joint {name}" + (", beside the other joints' effects" if again else ""))
             own = named[name].effects if name in named else ()
-            found[name] = _joint(j, told, better, settings, without=own)
+            less = soft and _bends(j, told, better, settings, own, soft, found[name].chi[0])
+            beside = {**soft} if less else {}
+            if not again or beside or better is not plain:  # else nothing is new
+                found[name] = _joint(j, told, better, settings, own, beside)
+            if again and _swing(found[name]) > 0.0:
+                soft[name] = found[name]
         last, named = named, {name: d for name, d in found.items() if d.effects}
         if plain.problem is None or _effects(named) == _effects(last):
             break
-        better, more = identified(record, with_effects(loop, named), plain.problem.pipeline)
-        notes = (*notes, *more)
+        fuller = with_effects(loop, named)
+        if fuller.held == loop.held:  # it can have none of them
+            better = plain
+        else:
+            better, more = identified(record, fuller, plain.problem.pipeline)
+            notes = (*notes, *more)
         wanted = [j for j in wanted if _open(loop.joints[j], found)]
     say("the coupled simulation")
     other = record if holdout is None else holdout
     coupled = Coupled(*(errors(fit, other) for fit in (plain, better)))
     return RobotDiagnosis(record.name, loop.name, found, plain, better, coupled, notes)
+
+
+def _swing(diagnosis: Diagnosis | None) -> float:
+    """Return the gain of a joint's two masses, on data that they were not fitted to; else 0."""
+    if diagnosis is None:
+        return 0.0
+    both = (e for e in diagnosis.effects if e in _TWO_MASSES and e in diagnosis.evidence)
+    return max((diagnosis.evidence[e].gain for e in both), default=0.0)
 
 
 def _effects(found: Mapping[str, Diagnosis]) -> dict[str, tuple[str, ...]]:
@@ -124,13 +145,31 @@ def _joint(
     fit: FitResults,
     settings: Mapping[str, Any],
     without: Sequence[str] = (),
+    soft: Mapping[str, Diagnosis] | None = None,
 ) -> Diagnosis:
     """Diagnose one joint under the loads that the links of a fit put on it."""
     name = fit.problem.loop.joints[j]  # type: ignore[union-attr]
-    parts = [alone(j, one, fit, without) for one in told]
+    parts = [alone(j, one, fit, without, soft) for one in told]
     other = parts[1].record if len(parts) > 1 else None
     doubts = [None if links is None else links.doubt(name) for links in told.values()]
     return heard(diagnose(parts[0].record, parts[0].loop, other, doubts=doubts, **settings))
+
+
+def _bends(
+    j: int,
+    told: Mapping[Record, Links | None],
+    fit: FitResults,
+    settings: Mapping[str, Any],
+    without: Sequence[str],
+    soft: Mapping[str, Diagnosis],
+    before: float,
+) -> bool:
+    """Whether the gap of a joint is smaller where other joints have their two masses.
+
+    Then some of it was the swing of their links.
+    """
+    bare = {**settings, "rules": replace(settings.get("rules") or Rules(), most=0)}
+    return _joint(j, told, fit, bare, without, soft).chi[0] < before
 
 
 def heard(diagnosis: Diagnosis) -> Diagnosis:
@@ -159,7 +198,13 @@ class Alone(NamedTuple):
     loop: ClosedLoop
 
 
-def alone(j: int, record: Record, fit: FitResults, without: Sequence[str] = ()) -> Alone:
+def alone(
+    j: int,
+    record: Record,
+    fit: FitResults,
+    without: Sequence[str] = (),
+    soft: Mapping[str, Diagnosis] | None = None,
+) -> Alone:
     """Return a joint as an axis, with the load that a fit's links put on it.
 
     Parameters
@@ -172,13 +217,21 @@ def alone(j: int, record: Record, fit: FitResults, without: Sequence[str] = ()) 
         Of the robot.
     without : sequence of str
         Effects of this joint that its axis is not to have.
+    soft : mapping of str to Diagnosis, optional
+        Other joints with two masses: their links are not where their drives are.
     """
     problem = fit.problem
     assert problem is not None
     loop: Any = problem.loop
     values = loop.values({str(k): float(v) for k, v in fit.params.items()})
     motion = problem.pipeline.differentiate(record.q, record.dt)
-    q, dq, ddq = (loop._to_joints(x) for x in motion)
+    places, ddqs = motion.q.copy(), motion.ddq.copy()
+    for name, diagnosis in (soft or {}).items():
+        i = loop.joints.index(name)
+        part = alone(i, record, fit).record
+        rows = slice(0, part.n_samples)
+        places[rows, i], ddqs[rows, i] = _link(diagnosis, part, motion.dq[rows, i])
+    q, dq, ddq = (loop._to_joints(x) for x in (places, motion.dq, ddqs))
     asked = loop.robot.torques(q, dq, ddq, loop.inertias(values))
     if loop.transmission is not None:
         asked = asked @ loop._T
@@ -191,6 +244,41 @@ def alone(j: int, record: Record, fit: FitResults, without: Sequence[str] = ()) 
     part, load = record.joint(j).slice(0, end), load[:end]
     outside = load if part.load is None else load + part.load[:, 0]
     return Alone(part.replace(load=outside[:, np.newaxis]), _axis(j, loop, inertia, own, without))
+
+
+def _link(diagnosis: Diagnosis, record: Record, dq: Array) -> tuple[Array, Array]:
+    """Return position and acceleration of the link of a joint with two masses, (n_samples,) each.
+
+    Under its load it swings behind the drive; a gap lies on the side to which it is pulled.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Has the values of its flexibility or backlash.
+    record : Record
+        Of that joint alone, with its load.
+    dq : ndarray, (n_samples,)
+        Velocity of the drive.
+    """
+    assert record.load is not None
+    values, q = diagnosis.theta, record.q[:, 0]
+    effect = next(e for e in _TWO_MASSES if e in diagnosis.effects)
+    hz = values["backlash.contact_hz" if effect == "backlash" else "flexibility.frequency_hz"]
+    share = values[f"{effect}.load_share"]
+    w = 2.0 * np.pi * hz
+    drag, pull = 2.0 * values[f"{effect}.damping"] * w * (1.0 - share), w * w * (1.0 - share)
+    pulled = record.load[:, 0] / (share * values["inertia"])
+
+    def swung(x: Array, top: Sequence[float]) -> Array:
+        """Return a signal behind the spring and the mass of the link, from rest."""
+        b, a = signal.bilinear(top, [1.0, drag, pull], 1.0 / record.dt)
+        return np.asarray(signal.lfilter(b, a, x - x[0]), dtype=float)
+
+    twice = (1.0, 0.0, 0.0)  # derived
+    behind = swung(q, twice) + swung(pulled, (1.0,)) + pulled[0] / pull
+    ddq = pull * swung(q, twice) + drag * swung(dq, twice) - swung(pulled, twice)
+    gap = 0.5 * values.get("backlash.gap", 0.0) * np.sign(pulled + ddq)
+    return q - behind - gap, ddq
 
 
 def _axis(

@@ -9,7 +9,6 @@ white. It is the coupled fit of the parameters and of the joint's effect, seen f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,12 +16,13 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from ..errors import IVToolsError
+from ..loop import robot_sensitivity
 from ..record import Record
 from ..results import FitResults
 from . import response
 from .floor import autoregression
-from .fold import Doubt, threaded
-from .rules import BLOCK, LEAST_BLOCK, LINK_STEP, OWN, SINGULAR, TOLD_APART, TRANSIENT
+from .fold import Doubt
+from .rules import BLOCK, LEAST_BLOCK, OWN, SINGULAR, TOLD_APART, TRANSIENT
 
 Array = NDArray[np.float64]
 
@@ -96,18 +96,12 @@ def measure(fit: FitResults, record: Record, before: Links | None = None) -> Lin
     loop: Any = fit.problem.loop
     values = loop.values({str(k): float(v) for k, v in fit.params.items()})
 
-    def command(values: Mapping[str, float]) -> Array:
-        return np.asarray(loop.simulate(record, values).tau)
-
     try:
         values = loop.possible(values, record, lambda: fit.X)
         simulation = loop.simulate(record, values)
         now = simulation.tau
         if before is None:
-            steps = dict(zip(loop.names, _steps(fit).tolist(), strict=True))
-            moved = threaded(lambda n: command({**values, n: values[n] + steps[n]}), steps)
-            changes = [(x - now) / h for x, h in zip(moved, steps.values(), strict=True)]
-            answers = np.stack(changes, axis=2).transpose(1, 0, 2)
+            answers = robot_sensitivity.answers(loop, record, values, simulation)
     except IVToolsError:
         return None
     names, answers = (tuple(loop.names), answers) if before is None else before[:2]
@@ -121,13 +115,6 @@ def measure(fit: FitResults, record: Record, before: Links | None = None) -> Lin
     both = [_normal(A, e, first, record.dt) for A, e in zip(answers, gap.T, strict=True)]
     P, g = (np.array(x) for x in zip(*both, strict=True))
     return Links(names, answers, P, g, record.t, inertia, tuple(loop.joints))
-
-
-def _steps(fit: FitResults) -> Array:
-    """Return the change of each parameter that changes the force by a small share of itself."""
-    size = np.maximum(np.linalg.norm(fit.X, axis=0), 1e-300)
-    assert fit.problem is not None
-    return np.asarray(LINK_STEP * np.linalg.norm(fit.problem.y) / size)
 
 
 def _normal(A: Array, e: Array, first: int, dt: float) -> tuple[Array, Array]:

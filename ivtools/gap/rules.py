@@ -386,8 +386,6 @@ OWN = 1e-3
 ROUNDS = 2
 #: Of the largest singular value: what is below is nothing (numerics: rounding of a product).
 SINGULAR = 1e-12
-#: Share of the force by which a step of a robot's parameter changes it (numerics).
-LINK_STEP = 1e-3
 #: Whitened energy that is worth a name even so (judgement: that false name removed 0.02).
 HEARD = 0.05
 #: Share of the gap below which an effect closes nothing by itself (training).

@@ -42,8 +42,8 @@ def simulate(
     """Run the kernel; see `RobotLoop.simulate`."""
     n, dt = loop.n_joints, record.dt
     own = [loop.joint_values(j, values) for j in range(n)]
-    laws = _laws(loop, record, own, initial)
-    arm, user = _arm(loop, values, own, laws.q)
+    law = laws(loop, record, own, initial)
+    arm, user = _arm(loop, values, own, law.q)
     steps = _steps(loop, dt) if substeps is None else substeps
     if steps < 1:
         raise AxisError(f"substeps is {steps}; it counts the integration steps per sample")
@@ -53,8 +53,8 @@ def simulate(
     outside = Outside(_added(record, own), force, _noise("position_noise", position_noise, record))
     resolution = np.broadcast_to(np.asarray(quantum, dtype=float), n).copy()
     out = np.empty((4, n, record.n_samples))
-    work = _work(n, record.n_samples, laws, longest_delay(arm, dt))
-    if not run(dt, steps, laws, outside, resolution, arm, user, work, out):
+    work = _work(n, record.n_samples, law, longest_delay(arm, dt))
+    if not run(dt, steps, law, outside, resolution, arm, user, work, out):
         raise AxisError(SINGULAR)
     q, dq, ddq, nu = (np.ascontiguousarray(signal.T) for signal in out)
     with np.errstate(over="ignore", invalid="ignore"):  # Simulation.finite tells
@@ -88,7 +88,7 @@ def _steps(loop: RobotLoop, dt: float) -> int:
     return needed if loop.n_joints == 1 else max(needed, int(np.ceil(dt / _STEP - 1e-6)))
 
 
-def _laws(loop: RobotLoop, record: Record, own: list[dict[str, float]], initial: Any) -> Laws:
+def laws(loop: RobotLoop, record: Record, own: list[dict[str, float]], initial: Any) -> Laws:
     """Collect the laws of all joints, padded to the longest.
 
     Without a reference the loop is open: the recorded commands drive it.
