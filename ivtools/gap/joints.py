@@ -270,13 +270,14 @@ def _link(diagnosis: Diagnosis, record: Record, dq: Array) -> tuple[Array, Array
     pulled = record.load[:, 0] / (share * values["inertia"])
 
     def swung(x: Array, top: Sequence[float]) -> Array:
-        """Return a signal behind the spring and the mass of the link, from rest."""
+        """Return a signal behind the spring and the mass of the link, from rest and unstretched."""
         b, a = signal.bilinear(top, [1.0, drag, pull], 1.0 / record.dt)
-        return np.asarray(signal.lfilter(b, a, x - x[0]), dtype=float)
+        return np.asarray(signal.lfilter(b, a, x), dtype=float)
 
     twice = (1.0, 0.0, 0.0)  # derived
-    behind = swung(q, twice) + swung(pulled, (1.0,)) + pulled[0] / pull
-    ddq = pull * swung(q, twice) + drag * swung(dq, twice) - swung(pulled, twice)
+    ahead = swung(q - q[0], twice)
+    behind = ahead + swung(pulled, (1.0,))
+    ddq = pull * ahead + drag * swung(dq - dq[0], twice) - swung(pulled, twice)
     gap = 0.5 * values.get("backlash.gap", 0.0) * np.sign(pulled + ddq)
     return q - behind - gap, ddq
 

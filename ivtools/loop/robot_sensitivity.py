@@ -81,9 +81,8 @@ def _rates(loop: RobotLoop, values: Mapping[str, float], at: Motion) -> tuple[Ar
     phi, T = loop.inertias(values), loop._T
 
     def asked(q: Array, dq: Array) -> Array:
-        return np.asarray(
-            loop.robot.torques(*(loop._to_joints(x) for x in (q, dq, at.ddq)), phi) @ T
-        )
+        q, dq, ddq = (loop._to_joints(x) for x in (q, dq, at.ddq))
+        return np.asarray(loop.robot.torques(q, dq, ddq, phi) @ T)
 
     steps = _SMALL * np.eye(loop.n_joints)
     stiffness = [(asked(at.q + s, at.dq) - asked(at.q - s, at.dq)) / 2 / _SMALL for s in steps]
