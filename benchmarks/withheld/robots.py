@@ -2,7 +2,7 @@
 
     python -m benchmarks.withheld.robots [--cases 28] [--effects backlash ...] [--table]
 
-appends to benchmarks/results/robots/diagnosis.csv one row per joint of every case that it does not
+appends to benchmarks/results/robots/arms.csv one row per joint of every case that it does not
 hold yet. A case draws an arm, its frictions, noise of the encoders, motion, and the effects, from
 its seed alone; every fourth has none, and of the others the first effect goes through all kinds.
 Diagnosed with a hold-out of another motion. A flexible joint and one with backlash have a mass of
@@ -35,7 +35,7 @@ from ivtools.physics import Parameter, Term
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from robots import SIX_GAINS, axis, plan, reference, six_loop, two_axes, two_joints
 
-RESULTS = Path(__file__).parents[1] / "results" / "robots" / "diagnosis.csv"
+RESULTS = Path(__file__).parents[1] / "results" / "robots" / "arms.csv"
 FIRST = 8000  # seed; cases from 5000 on and from 7000 on have shown what was wrong
 ARMS = (2, 3, 6)
 SECONDS = 15.0
