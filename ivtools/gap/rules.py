@@ -154,7 +154,7 @@ LINKED = {
     "backlash": {
         "contact_hz": (30.0, 120.0, 500.0),
         "load_share": (0.1, 0.35, 0.85),
-        "load_friction": (0.01, 0.1, 0.9),
+        "load_friction": (0.0, 0.01, 0.1, 0.9),
     },
 }
 
