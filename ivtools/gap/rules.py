@@ -146,10 +146,12 @@ HANGS_ALIKE = 1.67
 SAME_SIGNAL = 0.9
 #: Where the search for a second body begins that the law sees: whoever measures it has one that
 #: swings slowly and is heavy (physics: links and booms).
-BEHIND = {"flexibility": {"frequency_hz": (2.5, 8.0, 25.0, 65.0), "load_share": (0.1, 0.35, 0.7)}}
+BEHIND: dict[str, dict[str, tuple[float, ...]]] = {
+    "flexibility": {"frequency_hz": (2.5, 8.0, 25.0, 65.0), "load_share": (0.1, 0.35, 0.7)}
+}
 #: The same where a load is known, which pulls at the second body: a link behind a gear, heavier
 #: than the drive or not, softer than a ball screw, and with friction in the drive (physics).
-LINKED = {
+LINKED: dict[str, dict[str, tuple[float, ...]]] = {
     "flexibility": {"frequency_hz": (6.0, 20.0, 65.0), "load_share": (0.1, 0.35, 0.85)},
     "backlash": {
         "contact_hz": (30.0, 120.0, 500.0),
