@@ -8,7 +8,7 @@ from benchmarks import moves
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
 from ivtools.gap.rules import SWINGING
-from ivtools.gap.swing import Swing, strongest
+from ivtools.linalg.swing import Swing, strongest
 from ivtools.physics import EFFECTS
 
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from ivtools.gap.swing import Swing
 from scipy import signal
 
 import ivtools as iv
@@ -16,7 +17,6 @@ from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
 from ivtools.gap.rules import Rules
 from ivtools.gap.smooth import Basis, Columns
-from ivtools.gap.swing import Swing
 from ivtools.gap.verdict import lowers
 from ivtools.physics import Parameter, Term
 

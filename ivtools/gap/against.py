@@ -44,9 +44,9 @@ def against(
         for k, (real, sim, notes) in enumerate(logs)
     ]
     if all(_parted(pair, loop) < SAME_LOG * _rms(loop.force(pair.real)) for pair in lacking):
-        same = diagnose(*_records(lacking), loop, named=False)
-        same = replace(same, verdict="adequate", discrepancy=None)
-        return _told(same, lacking, False, own)
+        found = diagnose(*_records(lacking), loop, named=False)
+        found = replace(found, verdict="adequate", discrepancy=None)
+        return _told(found, lacking, False, own)
     found = diagnose(*_records(lacking), loop)
     answers = [(found, lacking, False)]
     alike = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
@@ -60,8 +60,9 @@ def against(
         except IVToolsError:
             pass  # the simulator's log alone carries no diagnosis
     good = [answer for answer in answers if _material(*answer, loop)]
-    if len(good) == 2 and set(good[0][0].effects) == set(good[1][0].effects):
-        good.pop()  # an effect of either sign: the axis has it
+    same = len(good) == 2 and set(good[0][0].effects) == set(good[1][0].effects)
+    if same or (good and good[-1][2] and _of_either_sign(good[-1][0])):
+        good.pop()  # the axis has it, with the other sign, or does not show it
     if good:
         best, shown, surplus = max(good, key=lambda answer: _worth(answer[0]))
         best = diagnose(*_records(shown), loop) if surplus else best
@@ -69,6 +70,15 @@ def against(
     if found.effects:
         found = replace(diagnose(*_records(lacking), loop, named=False), verdict="adequate")
     return _told(found, lacking, False, own)
+
+
+def _of_either_sign(found: Diagnosis) -> bool:
+    """Whether all that is named is a force whose amplitude may be negative."""
+    terms = [t for t in found.loop.terms if t.name in found.effects]
+    lowest = [[p.lower for p in t.parameters if p.linear] for t in terms if t.law is not None]
+    return len(lowest) == len(found.effects) and all(
+        bounds and np.isneginf(bounds).all() for bounds in lowest
+    )
 
 
 def _worth(found: Diagnosis) -> tuple[float, int, float]:

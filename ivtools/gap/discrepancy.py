@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from ..linalg import swing
 from ..loop import Simulation
-from . import spatial_lines, swing
+from . import spatial_lines
 from .fit import Fit, normal
 from .fold import block_t, threaded
 from .rules import DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES

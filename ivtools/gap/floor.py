@@ -15,10 +15,11 @@ from scipy import linalg, signal, stats
 
 from ..errors import EstimationError
 from ..limits import LARGEST
+from ..linalg import swing
 from ..loop import Simulation
 from ..physics import EFFECTS
 from ..record import Record
-from . import spatial_lines, swing
+from . import spatial_lines
 from .fit import Fit
 from .fold import Fold, Side
 from .parity import Parity

@@ -326,10 +326,6 @@ COARSE_KNOTS = (8, 4)
 #: damping at which something beside the axis swings (physics: below the loop's bandwidth).
 FORGETTING = (0.03, 0.1, 0.3, 1.0, 3.0)
 RINGING, RINGING_DAMPING = (0.5, 0.9, 1.6, 3.0, 5.5, 10.0), 0.1
-#: Frequencies, Hz, and damping ratios between which a load that hangs from the axis is looked for
-#: (physics: 20 m of rope to 3 mm of liquid), samples per period of the highest, and tries
-#: (numerics).
-SWING_HZ, SWING_DAMPING, SWING_RATE, SWING_TRIES = (0.1, 10.0), (0.003, 0.01, 0.03, 0.1), 10, 40
 #: Share of what smooth laws leave that a swing explains where there is one (training, seeds 900 and
 #: 901: pendulums 0.5 to 0.6; other forces without a name 0.15 at most, EMPS 0.02).
 SWINGING = 0.3

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
+from ..linalg.swing import Swing
 from ..loop import Simulation
 from .fit import Fit, normal, orthonormal
 from .fold import threaded
@@ -29,7 +30,6 @@ from .rules import (
     SPEED_KNOTS,
     TO_ZERO,
 )
-from .swing import Swing
 
 Array = NDArray[np.float64]
 

@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from ivtools.errors import ConvergenceWarning, EstimationError, IVToolsError, RecordError
 from ivtools.estimators.input_error import CLIE, DIDIM
 from ivtools.estimators.least_squares import IDIMLS
-from ivtools.loop.bandwidth import bandwidth_hz
+from ivtools.linalg.swing import strongest
 from ivtools.problem import Problem
 from ivtools.record import Record
 from ivtools.units import quantity
@@ -38,9 +37,8 @@ _CREEPS = 0.9  # of the jumps that a model leaves of a simulator's log: what cre
 _DRY = 0.5  # of its friction: what may still be dry where a simulator's friction creeps
 _SWINGS = 0.5  # of what a model leaves of a simulator's log: what a swinging load may leave
 _LEAVES = 0.01  # of the command: a model that leaves less needs no load
-_SLOW_HZ, _SWING_STEPS = 0.3, 40  # where a load is looked for: from here to the loop's bandwidth
-_FREE_HZ = 10.0  # as far, where there is no loop
-_SWING_DAMPING = 0.03
+_SEEN = 0.4  # of what a rigid model leaves: what a resonance must explain to be tried
+_LOAD = 0.1  # share of the inertia from which its fit begins
 _SAME = 0.01  # of the stroke: references that differ by less are one
 _OTHER_UNIT = 10.0  # ratio of the commands beyond which they have different units
 _SLOWEST = 0.45  # of the record's rate: a held command is late by half a sample
@@ -174,43 +172,21 @@ def _swinging(
         _rms(left) < _LEAVES * _rms(loop.command(simulated))
     ):
         return loop, base
-    frequency, share = _swing(simulated, loop, base, left[:, 0])
-    if not share > 0.0:
+    dt = simulated.dt
+    dq = np.gradient(simulated.q[:, 0], dt)
+    ddq = np.gradient(dq, dt)
+    rigid = np.column_stack([ddq, dq, np.sign(dq), np.ones(len(dq))])
+    beyond = left[:, 0] - rigid @ np.linalg.lstsq(rigid, left[:, 0], rcond=None)[0]
+    found = strongest(ddq, beyond, np.ones(len(dq), dtype=bool), dt)
+    if found.share < _SEEN:
         return loop, base
-    load = {"frequency_hz": frequency, "damping": _SWING_DAMPING, "load_share": min(share, 0.5)}
+    load = {"frequency_hz": found.swing.hz, "damping": found.swing.damping, "load_share": _LOAD}
     start = replace(loop, start=_values(loop, base))
     heavy = start.with_effect(SWINGS, **load, load_friction=0.0)
     fit, rest = _tried(simulated, heavy)
     if fit is None or _rms(rest) >= _SWINGS * _rms(left):
         return loop, base
     return replace(heavy, start=_values(heavy, fit)), fit
-
-
-def _swing(
-    simulated: Record, loop: ClosedLoop, base: FitResults, left: Array
-) -> tuple[float, float]:
-    """Return the frequency, Hz, of the load that explains most of a command, and its share.
-
-    The share of the inertia is 0 if no load explains enough.
-    """
-    dt, inertia = simulated.dt, float(base.params["inertia"])
-    highest = bandwidth_hz(loop, inertia, float(base.params.get("viscous", 0.0)), dt)
-    highest = max(highest, 2.0 * _SLOW_HZ) if np.isfinite(highest) else _FREE_HZ
-    some = slice(None, None, max(int(0.05 / (highest * dt)), 1))
-    dq = np.gradient(simulated.q[:, 0], dt)
-    ddq = np.gradient(dq, dt)
-    rigid = np.column_stack([ddq, dq, np.sign(dq), np.ones(len(dq))])
-    best, least, share = _SLOW_HZ, (1.5 * _SWINGS) ** 2 * float(np.sum(left[some] ** 2)), 0.0
-    for hz in np.geomspace(_SLOW_HZ, highest, _SWING_STEPS):
-        w = 2.0 * np.pi * float(hz)
-        spring = [2.0 * _SWING_DAMPING * w, w**2]
-        swing = signal.bilinear(spring, [1.0, *spring], 1.0 / dt)
-        X = np.column_stack([signal.lfilter(*swing, ddq), rigid])[some]
-        theta = np.linalg.lstsq(X, left[some], rcond=None)[0]
-        cost = float(np.sum((left[some] - X @ theta) ** 2))
-        if cost < least:
-            best, least, share = float(hz), cost, -float(theta[0]) * loop.gain / inertia
-    return best, share
 
 
 def _values(loop: ClosedLoop, fit: FitResults) -> dict[str, float]:

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, signal
 
-from .rules import SWING_DAMPING, SWING_HZ, SWING_RATE, SWING_TRIES
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+_HZ, _DAMPING = (0.1, 10.0), (0.003, 0.01, 0.03, 0.1)  # 20 m of rope to 3 mm of liquid
+_RATE, _TRIES = 10, 40  # samples per period of the highest; steps of the search
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def strongest(answer: Array, x: Array, keep: Mask, dt: float) -> Found:
         Samples that count.
     dt : float
     """
-    width = max(round(1.0 / (SWING_RATE * SWING_HZ[1] * dt)), 1)
+    width = max(round(1.0 / (_RATE * _HZ[1] * dt)), 1)
     count = len(x) // width
 
     def mean(s: Array) -> Array:
@@ -84,21 +85,21 @@ def strongest(answer: Array, x: Array, keep: Mask, dt: float) -> Found:
 
     a, y, counts = mean(answer), mean(x), mean(keep.astype(float)) == 1.0
     energy = float(y[counts] @ y[counts])
-    lowest = max(SWING_HZ[0], 2.0 / (dt * len(x)))  # it must come twice
-    if not (energy > 0.0 and np.isfinite(a).all()) or lowest >= SWING_HZ[1]:
-        return Found(Swing(SWING_HZ[0], SWING_DAMPING[-1]), 0.0)
+    lowest = max(_HZ[0], 2.0 / (dt * len(x)))  # it must come twice
+    if not (energy > 0.0 and np.isfinite(a).all()) or lowest >= _HZ[1]:
+        return Found(Swing(_HZ[0], _DAMPING[-1]), 0.0)
 
     def left(point: Array) -> float:
         """Return the share of the signal that a swing leaves, at logarithms of its parameters."""
         hz, damping = np.exp(point)
-        if not (lowest <= hz <= SWING_HZ[1] and damping <= SWING_DAMPING[-1]):  # more is no swing
+        if not (lowest <= hz <= _HZ[1] and damping <= _DAMPING[-1]):  # more is no swing
             return 1.0
         C = Swing(float(hz), float(damping)).of(a, dt * width)[counts]
         b = C.T @ y[counts]
         return 1.0 - float(b @ np.linalg.lstsq(C.T @ C, b, rcond=None)[0]) / energy
 
-    grid = product(np.geomspace(lowest, SWING_HZ[1], SWING_TRIES), SWING_DAMPING)
+    grid = product(np.geomspace(lowest, _HZ[1], _TRIES), _DAMPING)
     first = min((np.log(point) for point in grid), key=left)
-    found = optimize.minimize(left, first, method="Nelder-Mead", options={"maxfev": SWING_TRIES})
+    found = optimize.minimize(left, first, method="Nelder-Mead", options={"maxfev": _TRIES})
     hz, damping = np.exp(found.x if found.fun < 1.0 else first)
     return Found(Swing(float(hz), float(damping)), 1.0 - float(found.fun))
