@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from ivtools.gap.swing import Swing
 from scipy import signal
 
 import ivtools as iv
@@ -18,6 +17,7 @@ from ivtools.gap.quantify import Shrink
 from ivtools.gap.rules import Rules
 from ivtools.gap.smooth import Basis, Columns
 from ivtools.gap.verdict import lowers
+from ivtools.linalg.swing import Swing
 from ivtools.physics import Parameter, Term
 
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
