@@ -130,7 +130,9 @@ def as_simulated(loop: ClosedLoop, simulated: Record) -> tuple[ClosedLoop, FitRe
         The axis, with its rigid model.
     simulated : Record
     """
-    return _swinging(simulated, *_creeping(simulated, loop, _seen(simulated, loop)))
+    rigid, base = _creeping(simulated, loop, _seen(simulated, loop))
+    heavy, seen = _swinging(simulated, rigid, base)
+    return (rigid, base) if heavy is rigid else _creeping(simulated, heavy, seen)
 
 
 def _creeping(
