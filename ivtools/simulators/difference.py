@@ -151,9 +151,9 @@ def _creeping(
     soft = replace(loop, start={**_values(loop, base), "coulomb": 0.0}).with_effect(
         CREEPS, force=friction, speed=speed, hold=_SHIPPED_HOLD / friction
     )
-    fit, jumps = _tried(simulated, soft)
-    better = np.diff(jumps, axis=0)
-    if fit is None or _rms(better) >= _CREEPS * _rms(np.diff(_left(simulated, loop, base), axis=0)):
+    fit, left = _tried(simulated, soft)
+    jumps, before = (np.diff(x, axis=0) for x in (left, _left(simulated, loop, base)))
+    if fit is None or _rms(jumps) >= _CREEPS * _rms(before):
         return loop, base  # from sample to sample what friction does at a reversal counts
     found = _values(soft, fit)
     if dry(found) >= _DRY:
