@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ..errors import IVToolsError
 from ..loop import ClosedLoop
 from ..record import Record
-from ..simulators.difference import SWINGS, Difference, as_simulated, brought, difference
+from ..simulators.difference import SWINGS, Difference, as_simulated, brought, difference, rms
 from ..units import quantity
 from .changes import changes, settled, twins
 from .diagnosis import Diagnosis
@@ -43,7 +42,7 @@ def against(
         difference(real, sim, loop, notes, base if k == 0 else None)
         for k, (real, sim, notes) in enumerate(logs)
     ]
-    if all(_parted(pair, loop) < SAME_LOG * _rms(loop.force(pair.real)) for pair in lacking):
+    if all(_parted(pair, loop) < SAME_LOG * rms(loop.force(pair.real)) for pair in lacking):
         found = diagnose(*_records(lacking), loop, named=False)
         found = replace(found, verdict="adequate", discrepancy=None)
         return _told(found, lacking, False, own)
@@ -105,11 +104,7 @@ def _explains(found: Diagnosis) -> float:
 
 def _parted(pair: Difference, loop: ClosedLoop) -> float:
     """Return the rms force by which simulator and axis differ, N or N m."""
-    return _rms(loop.force(pair.real) - loop.force(pair.simulated))
-
-
-def _rms(x: Any) -> float:
-    return float(np.sqrt(np.mean(np.square(x))))
+    return rms(loop.force(pair.real) - loop.force(pair.simulated))
 
 
 def _closed(found: Diagnosis) -> float:

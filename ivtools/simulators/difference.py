@@ -113,8 +113,8 @@ def difference(
         t=real.t, **signals, **kept, name=real.name, notes=(*real.notes, *notes), extra=real.extra
     )
     theirs, own = loop.command(simulated), loop.command(real)
-    size = max(_rms(theirs), 1e-300)
-    second_order = _rms(model.nu - theirs) / size * min(_rms(own - theirs) / size, 1.0)
+    size = max(rms(theirs), 1e-300)
+    second_order = rms(model.nu - theirs) / size * min(rms(own - theirs) / size, 1.0)
     return Difference(record, real, simulated, base, second_order, notes)
 
 
@@ -153,7 +153,7 @@ def _creeping(
     )
     fit, left = _tried(simulated, soft)
     jumps, before = (np.diff(x, axis=0) for x in (left, _left(simulated, loop, base)))
-    if fit is None or _rms(jumps) >= _CREEPS * _rms(before):
+    if fit is None or rms(jumps) >= _CREEPS * rms(before):
         return loop, base  # from sample to sample what friction does at a reversal counts
     found = _values(soft, fit)
     if dry(found) >= _DRY:
@@ -171,7 +171,7 @@ def _swinging(
     """
     left = _left(simulated, loop, base)
     if any(t.slot == "second mass" for t in loop.terms) or (
-        _rms(left) < _LEAVES * _rms(loop.command(simulated))
+        rms(left) < _LEAVES * rms(loop.command(simulated))
     ):
         return loop, base
     dt = simulated.dt
@@ -186,7 +186,7 @@ def _swinging(
     start = replace(loop, start=_values(loop, base))
     heavy = start.with_effect(SWINGS, **load, load_friction=0.0)
     fit, rest = _tried(simulated, heavy)
-    if fit is None or _rms(rest) >= _SWINGS * _rms(left):
+    if fit is None or rms(rest) >= _SWINGS * rms(left):
         return loop, base
     return replace(heavy, start=_values(heavy, fit)), fit
 
@@ -221,7 +221,8 @@ def _left(simulated: Record, loop: ClosedLoop, fit: FitResults) -> Array:
     return base_simulation(loop, simulated, fit).nu - loop.command(simulated)
 
 
-def _rms(x: Array) -> float:
+def rms(x: Array) -> float:
+    """Return the root mean square of a signal."""
     return float(np.sqrt(np.mean(x**2)))
 
 
