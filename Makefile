@@ -22,10 +22,10 @@ demo: $(VENV)/.installed
 	$(VENV)/bin/ivtools demo
 
 test: lint
-	$(RUN) pytest -n 2 -m "not slow"
+	$(RUN) pytest -n 2 --dist loadfile -m "not slow"
 
 slow: $(VENV)/.installed-dev
-	$(RUN) pytest -n 2 -m slow
+	$(RUN) pytest -n 2 --dist loadfile -m slow
 
 lint: $(VENV)/.installed-dev
 	$(RUN) ruff check .

@@ -28,6 +28,7 @@ EFFECTS = (
     {"stribeck": {"force": 6.0, "speed": 0.01}, "drive-timing": {"lag": 0.001}},
 )
 SAMPLES = 5000
+FEW = (1, 3, 6, 9)  # some that search and some that do not
 
 
 def records():
@@ -87,8 +88,8 @@ def test_the_answer_is_the_same_under_load(made, first):
 
 
 def test_diagnoses_side_by_side_do_not_disturb_each_other(made):
-    """Some that search and some that do not, three at a time, against one after the other."""
-    some = [made[k] for k in (1, 3, 6, 9)]
+    """Three at a time, against one after the other."""
+    some = [made[k] for k in FEW]
     with ThreadPoolExecutor(3) as pool:
         found = list(pool.map(lambda r: iv.diagnose(r, iv.axes.emps()).to_dict(), some))
     assert found == [iv.diagnose(r, iv.axes.emps()).to_dict() for r in some]
@@ -130,7 +131,13 @@ def test_a_fleet_on_one_worker_says_what_a_diagnosis_says(made, alone, first):
         assert {**content, **json.loads(told)} == content
 
 
-@pytest.mark.parametrize("backend", ["loky", pytest.param("threading", marks=pytest.mark.slow)])
+def test_some_on_two_workers_say_the_same(made, tmp_path):
+    some = [made[k] for k in FEW]
+    assert _fleet(some, tmp_path / "two", n_jobs=2) == _fleet(some, tmp_path / "one", n_jobs=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["loky", "threading"])
 def test_a_fleet_on_two_workers_says_the_same(made, alone, backend, tmp_path):
     assert _fleet(made, tmp_path, n_jobs=2, backend=backend) == alone
 

@@ -25,7 +25,10 @@ def twin():
     return iv.datasets.twin().slice(0, SAMPLES)
 
 
-@pytest.fixture(params=["twin", "emps", pytest.param("emps_pulses", marks=pytest.mark.slow)])
+SOUND = ["twin", *(pytest.param(n, marks=pytest.mark.slow) for n in ("emps", "emps_pulses"))]
+
+
+@pytest.fixture(params=SOUND)
 def record(request):
     """A sound record: simulated, and measured without and with an added input."""
     return request.getfixturevalue(request.param).slice(0, SAMPLES)
@@ -238,6 +241,7 @@ def test_a_holdout_of_another_axis_is_said(twin, loop):
 
 
 # -- what is no fault ------------------------------------------------------------------------------
+@pytest.mark.parametrize("record", ["twin", "emps", "emps_pulses"], indirect=True)
 def test_a_sound_record_has_no_finding(record, loop):
     assert preflight.inspect(record, loop, parity.check(record, loop)) == []
 

@@ -20,6 +20,14 @@ COGGING = 72  # periods per turn
 SWINGS = ["ddp", "direct-collocation", "pd"]
 
 
+def slow(value):
+    """Return a value of a parameter that only the slow tests try."""
+    return pytest.param(value, marks=pytest.mark.slow)
+
+
+FEW_MOTORS = [MOTORS[0], *map(slow, MOTORS[1:])]  # the others are motors of the same make
+
+
 @pytest.fixture(autouse=True)
 def _quiet():
     with warnings.catch_warnings():
@@ -57,7 +65,7 @@ def test_the_cogging_of_the_motor_is_its_largest_line(name):
     assert on[COGGING - 1] < 0.4 * off[COGGING - 1]
 
 
-@pytest.mark.parametrize("name", MOTORS)
+@pytest.mark.parametrize("name", FEW_MOTORS)
 def test_the_law_of_the_motor_is_found(name):
     """Its current is proportional to the error of the logged velocity, two samples late.
 
@@ -72,7 +80,7 @@ def test_the_law_of_the_motor_is_found(name):
     assert 0.06 < law.settings["kv"] < 0.10 and report.residual < 4.0  # %
 
 
-@pytest.mark.parametrize("name", MOTORS)
+@pytest.mark.parametrize("name", FEW_MOTORS)
 def test_a_compensation_that_is_not_logged_is_told(name):
     found = diagnosed(f"{name}-compensated")
     assert "cogging" not in found.effects
@@ -125,7 +133,7 @@ def test_what_can_be_compared_with_the_owners_of_the_pendulum():
         assert ratio == pytest.approx(stated, rel=0.20)
 
 
-@pytest.mark.parametrize("name", [*SWINGS, "energy-shaping"])
+@pytest.mark.parametrize("name", ["pd", "energy-shaping", *map(slow, SWINGS[:2])])
 def test_a_pendulum_is_not_told_of_a_wrong_sign(name):
     record, loop = measured(f"dfki-pendulum-{name}"), axes.dfki_pendulum()
     assert not shown_inertia(loop, record)[1].negative
@@ -134,7 +142,7 @@ def test_a_pendulum_is_not_told_of_a_wrong_sign(name):
         assert problem.start["inertia"] > 0.0
 
 
-@pytest.mark.parametrize("name", SWINGS[:2])
+@pytest.mark.parametrize("name", [slow(SWINGS[0]), SWINGS[1]])
 def test_gravity_is_named_where_the_model_lacks_it(name):
     found = diagnosed(f"dfki-pendulum-{name}")
     assert found.effects == ("gravity",)
@@ -234,7 +242,7 @@ def test_the_law_of_each_joint_is_found(joint):
     assert 0.4 < law.settings["kd"] < 0.7
 
 
-@pytest.mark.parametrize("joint", ["dfki-shoulder", "dfki-elbow"])
+@pytest.mark.parametrize("joint", ["dfki-shoulder", slow("dfki-elbow")])
 def test_the_other_joint_is_a_force_from_outside(joint):
     """The axis is not told to hold an effect that another joint's motion makes."""
     found = diagnosed(joint)
