@@ -243,10 +243,31 @@ def test_a_known_load_pulls_at_the_second_mass(effect):
     joint = {} if effect == "stribeck" else {"load_share": 0.3, "load_friction": 1.0}
     joint |= {"load_offset": 1.0} if effect == "backlash" else {}
     loop = axes.emps().with_effect(effect, **SIZES[effect] | joint)
-    pulled = RECORD.replace(load=np.full((RECORD.n_samples, 1), 60.0))
+    pulled, free = (RECORD.replace(load=np.full((RECORD.n_samples, 1), x)) for x in (60.0, 0.0))
     one = loop.simulate(pulled, THETA | {"offset": 0.0}).nu
-    other = loop.simulate(RECORD, THETA | {"offset": 60.0}).nu
+    other = loop.simulate(free, THETA | {"offset": 60.0}).nu
     np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
+
+
+@pytest.mark.parametrize(
+    ("effect", "sizes"),
+    [
+        ("backlash", {"gap": 2e-3, "contact_hz": 40.0}),
+        ("flexibility", {"frequency_hz": 8.0, "damping": 0.3}),
+    ],
+)
+def test_a_link_begins_where_its_load_holds_it(effect, sizes):
+    """A part of a record goes as it does in the whole: no fall through the gap, no swing."""
+    loop = axes.emps().with_effect(effect, load_share=0.6, load_friction=0.2, **sizes)
+    slow = reference(1500, 0.003)
+    load = 200.0 + 30.0 * np.sin(2.0 * np.pi * slow.t)
+    whole = loop.simulate(slow.replace(load=load), THETA)
+    record = slow.replace(q=whole.q, nu=whole.nu, tau=whole.tau, load=load)
+    for first in (100, 400, 900, 1100):
+        part = slice(first, first + 250)
+        begun = loop.simulate(record.slice(part.start, part.stop), THETA)
+        error = np.sqrt(np.mean((begun.nu - whole.nu[part]) ** 2))
+        assert error < 0.03 * np.mean(load) / loop.gain
 
 
 @pytest.mark.parametrize(

@@ -146,6 +146,17 @@ def with_effects(loop: iv.RobotLoop, hidden: dict[str, tuple[str, dict]]) -> iv.
     return loop
 
 
+def held(true: iv.RobotLoop, q0: np.ndarray) -> np.ndarray:
+    """Where gravity holds the free joints of an arm whose others are at q0, rad."""
+    pull = true.robot.torques(q0[None], 0.0 * q0[None], 0.0 * q0[None])[0]
+    free = [j for j, axis in enumerate(true.axes) if axis.controller.kind == "none"]
+    for j in free:
+        values = true.axes[j].start
+        gap, k = values["contact.gap"], values["contact.k"]
+        q0[j] = -0.5 * gap * np.sign(pull[j]) - pull[j] / k
+    return q0
+
+
 def simulated(true: iv.RobotLoop, record: iv.Record, noise: np.ndarray | None) -> iv.Record:
     """What the controllers of an arm see and say, its free joints left out."""
     driven = [j for j, axis in enumerate(true.axes) if axis.controller.kind != "none"]
@@ -156,10 +167,9 @@ def simulated(true: iv.RobotLoop, record: iv.Record, noise: np.ndarray | None) -
         out[:, driven] = x
         return out
 
-    whole = iv.Record(
-        record.t, q=wide(record.q_ref, 1e-12), q_ref=wide(record.q_ref, 1e-12),
-        nu=wide(record.nu, 1e-12),
-    )  # fmt: skip
+    wanted = wide(record.q_ref, 1e-12)
+    wanted[0] = held(true, wanted[0])
+    whole = iv.Record(record.t, q=wanted, q_ref=wanted, nu=wide(record.nu, 1e-12))
     shaken = None if noise is None else wide(noise, 0.0)
     steps = None if len(driven) == len(true.axes) else 4
     sim = true.simulate(whole, initial="rest", position_noise=shaken, substeps=steps)

@@ -270,14 +270,15 @@ def _link(diagnosis: Diagnosis, record: Record, dq: Array) -> tuple[Array, Array
     pulled = record.load[:, 0] / (share * values["inertia"])
 
     def swung(x: Array, top: Sequence[float]) -> Array:
-        """Return a signal behind the spring and the mass of the link, from rest and unstretched."""
+        """Return a signal behind the spring and the mass of the link, as if it had been steady."""
         b, a = signal.bilinear(top, [1.0, drag, pull], 1.0 / record.dt)
-        return np.asarray(signal.lfilter(b, a, x), dtype=float)
+        steady = signal.lfilter_zi(b, a) * x[0]
+        return np.asarray(signal.lfilter(b, a, x, zi=steady)[0], dtype=float)
 
     twice = (1.0, 0.0, 0.0)  # derived
-    ahead = swung(q - q[0], twice)
+    ahead = swung(q, twice)
     behind = ahead + swung(pulled, (1.0,))
-    ddq = pull * ahead + drag * swung(dq - dq[0], twice) - swung(pulled, twice)
+    ddq = pull * ahead + drag * swung(dq, twice) - swung(pulled, twice)
     gap = 0.5 * values.get("backlash.gap", 0.0) * np.sign(pulled + ddq)
     return q - behind - gap, ddq
 

@@ -40,6 +40,7 @@ class Laws(NamedTuple):
     limit: Array
     q: Array
     v: Array
+    a: Array
     first: Array
 
 

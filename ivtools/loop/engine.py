@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .closed_loop import ClosedLoop, Initial
 
 Array = NDArray[np.float64]
+Motion = tuple[float, float, float]  # position, velocity and acceleration
 
 _LONGEST_DELAY = 10.0  # s
 _BEGINNING = 0.3  # s that tell in which state a law began a record
@@ -155,8 +156,8 @@ class Driven(NamedTuple):
         Own states: (n, n), (n, 2) of position and velocity, (n,) each, and the first of them.
     delay : int
     limit : float
-    q, v : float
-        Position and velocity at the start.
+    q, v, a : float
+        Position, velocity and acceleration at the start.
     first : (delay + 1,) ndarray
         Commands before the law's own: `delay` of them, then the one before the record.
     """
@@ -175,6 +176,7 @@ class Driven(NamedTuple):
     limit: float
     q: float
     v: float
+    a: float
     first: Array
 
 
@@ -187,7 +189,7 @@ def driven(
     seen = Seen.of(controller, record, loop.command(record), loop.joint)
     known, known_inner = law.known(seen.inputs[:, :3])
     limit = min(controller.limit, values.get("saturation.limit", np.inf))
-    q, v, first = _initial(record, initial, delay, seen)
+    start, first = _initial(record, initial, delay, seen)
     inner = _inner_state(law, initial, seen, delay, record.dt, limit)
     return Driven(
         np.ascontiguousarray(known),
@@ -202,8 +204,7 @@ def driven(
         inner,
         delay,
         limit,
-        q,
-        v,
+        *start,
         first,
     )
 
@@ -215,19 +216,19 @@ def effective_controller(loop: ClosedLoop, values: Mapping[str, float]) -> Contr
     return loop.controller.with_mismatch(**changes) if changes else loop.controller
 
 
-def _initial(record: Record, initial: Any, delay: int, seen: Seen) -> tuple[float, float, Array]:
-    """Return position, velocity, and the commands that the controller gave before the record."""
+def _initial(record: Record, initial: Any, delay: int, seen: Seen) -> tuple[Motion, Array]:
+    """Return the motion, and the commands that the controller gave before the record."""
     if initial == "record":
         first = np.append(seen.command[:delay], seen.command[0])
-        return (*started(record.q[:, 0], record.dt), first)
+        return started(record.q[:, 0], record.dt), first
     if initial == "rest":
         start = record.q if record.q_ref is None else record.q_ref
-        return float(start[0, 0]), 0.0, np.zeros(delay + 1)
+        return (float(start[0, 0]), 0.0, 0.0), np.zeros(delay + 1)
     try:
         q0, v0 = (float(x) for x in initial)
     except (TypeError, ValueError):
         raise AxisError(f"initial is {initial!r}; it is 'record', 'rest' or (q, dq)") from None
-    return q0, v0, np.zeros(delay + 1)
+    return (q0, v0, 0.0), np.zeros(delay + 1)
 
 
 def _inner_state(
@@ -245,8 +246,8 @@ def _inner_state(
     return law.began(seen.inputs[:n], command, clipped(command, limit), limit)
 
 
-def started(q: Array, dt: float) -> tuple[float, float]:
-    """Return position and velocity at the start of a recorded position (n_samples,)."""
+def started(q: Array, dt: float) -> Motion:
+    """Return the motion at the start of a recorded position (n_samples,)."""
     third = np.diff(q[: _START_SAMPLES + 1], 3)
     noise = np.sqrt(np.mean(third**2) / 20.0) if len(third) else 0.0  # white: 1 + 9 + 9 + 1
     for n in _FEWER:
@@ -255,7 +256,7 @@ def started(q: Array, dt: float) -> tuple[float, float]:
         rest = y - (start + slope * k + bend * k**2)
         if n * dt <= _START_TIME or np.sqrt(np.mean(rest**2)) <= _BENT * noise:
             break
-    return float(start + q[0]), float(slope / dt)
+    return float(start + q[0]), float(slope / dt), float(2.0 * bend / dt**2)
 
 
 def _column(signal: Array | None, n: int) -> Array:

@@ -15,7 +15,7 @@ from numba import boolean, float64, from_dtype, int64, types, void
 from ..compiled import cached, compiled
 from ..physics.sensor import encoder
 from .integrator import drive_delay, plan, plant_step, rigid_step
-from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW
+from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW, held_link
 
 
 @compiled
@@ -86,6 +86,7 @@ _MATRIX = types.Array(float64, 2, "C", readonly=True)
         float64,
         float64,
         float64,
+        float64,
         float64[::1],
         from_dtype(PARAMETERS),
         from_dtype(FLAGS),
@@ -117,6 +118,7 @@ def run(
     limit,
     q_start,
     v_start,
+    a_start,
     first,
     p,
     on,
@@ -130,7 +132,8 @@ def run(
     the measured position and velocity, and `inner` is its state. `first` holds the commands, added
     inputs excluded, that precede the law's own: `delay` of them, then the one before the record.
     Forces that depend on the position act at `place`, (n_samples,), if it is not empty. Of two
-    masses a known `load` pulls at the second one, and a disturbance at the first.
+    masses a known `load` pulls at the second one, which begins where that holds it, and a
+    disturbance at the first.
     """
     samples, past = known.size, taps.size - 1
     whole, planned = drive_delay(dt, p, on)[0], plan(dt, n, p, on)
@@ -140,6 +143,8 @@ def run(
     _fill_before(seen, law, sent, past, delay, whole, first, q_start, v_start, dt, p, on)
     q, v, force, gain = q_start, v_start, p["gain"] * first[delay], p["gain"]
     x, rigid, pace, shift = (q, v, q, v, 0.0), not on["effects"], planned[1], p["shift"]
+    if load.size and on["two"]:
+        x = (q, v, held_link(q, v, a_start, load[0], p, on, user), v, 0.0)
     for k in range(samples):
         if place.size:
             p["apart"] = place[k] - q

@@ -253,6 +253,21 @@ def load_net(x, s, link, tau, t, p, on, user):
     return link + p["shift"]
 
 
+@compiled
+def held_link(q, v, a, pull, p, on, user):
+    """Return where the load is when it moves with the motor, and a force pulls at it, m or rad.
+
+    The motor pushes it along against that force, its friction and its inertia: across a gap, on
+    the side on which it then is, and by a spring as far as that stretches.
+    """
+    up, down = 1.0 if v >= 0.0 else -1.0, 1.0 if v > 0.0 else -1.0  # neither where it rests
+    friction = 0.5 * (
+        resistance(q, v, up, 0.0, 0.0, p, on, user) + resistance(q, v, down, 0.0, 0.0, p, on, user)
+    )
+    link = pull + p["share"] * friction - p["shift"] + p["load"] * a
+    return q - 0.5 * np.sign(link) * p["gap"] - link / p["k"]
+
+
 @inlined
 def rates(x, tau, t, p, on, user):
     """Return dx/dt of the state x = (q1, v1, q2, v2, z), friction by the sign of the velocity."""
