@@ -393,7 +393,13 @@ class RobotLoop(Model):
         """Return the nearest values that can be simulated on a record; see `robot_masses`."""
         return possible(self, values, record, rows)
 
-    def consistent(self, theta: Theta, X: Array | None = None, pull: float = 1e-6) -> Array:
+    def consistent(
+        self,
+        theta: Theta,
+        X: Array | None = None,
+        pull: float = 1e-6,
+        deviation: Array | None = None,
+    ) -> Array:
         """Return parameters of links that can exist, (10 n + k,), nearest to these.
 
         Parameters
@@ -403,6 +409,8 @@ class RobotLoop(Model):
             Observation matrix, whose force measures distances; default: relative ones.
         pull : float
             Weight of the robot's own parameters, which decide what theta does not.
+        deviation : (10 n + k,) ndarray, optional
+            Their standard deviations in place of that weight; the rows of X have unit noise then.
 
         Returns
         -------
@@ -410,7 +418,7 @@ class RobotLoop(Model):
             Standard parameters, link by link, then the joints' own, in the order of
             ``base.standard``.
         """
-        return consistent(self, theta, X, pull)
+        return consistent(self, theta, X, pull, deviation)
 
     def scaled(
         self, values: Mapping[str, float], measured: Mapping[str, float], record: Record

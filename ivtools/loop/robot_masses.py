@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import AxisError
 from ..record import Record
-from ..robot.consistent import nearest
+from ..robot.consistent import nearest, sizes
 from .model import Array, Theta
 
 if TYPE_CHECKING:
@@ -72,23 +72,14 @@ def possible(
     return found
 
 
-def consistent(loop: RobotLoop, theta: Theta, X: Array | None = None, pull: float = 1e-6) -> Array:
-    """Return parameters of links that can exist, (10 n + k,), nearest to these.
-
-    Parameters
-    ----------
-    theta : mapping, Series or array_like
-    X : (N, p) ndarray, optional
-        Observation matrix, whose force measures distances; default: relative ones.
-    pull : float
-        Weight of the robot's own parameters, which decide what theta does not.
-
-    Returns
-    -------
-    ndarray
-        Standard parameters, link by link, then the joints' own, in the order of
-        ``base.standard``.
-    """
+def consistent(
+    loop: RobotLoop,
+    theta: Theta,
+    X: Array | None = None,
+    pull: float = 1e-6,
+    deviation: Array | None = None,
+) -> Array:
+    """Return parameters of links that can exist, nearest to these; see `RobotLoop.consistent`."""
     values = loop.values(theta)
     wanted = np.array([values[name] for name in loop.base.names])
     own = [loop._own_parameters[name].lower for name in loop._own_names]
@@ -97,4 +88,15 @@ def consistent(loop: RobotLoop, theta: Theta, X: Array | None = None, pull: floa
     if X is not None:
         metric = np.zeros((min(X.shape), len(wanted)))
         metric[:, loop.free] = np.linalg.qr(X, mode="r")
-    return nearest(loop.base.matrix, wanted, metric, prior, np.array(own), pull)
+    return nearest(loop.base.matrix, wanted, metric, prior, np.array(own), pull, deviation)
+
+
+def prior_deviation(loop: RobotLoop, share: float) -> Array:
+    """Return the standard deviation of the robot file's parameters, (10 n + k,).
+
+    Of the links a share of their natural sizes; of the joints' own parameters it says nothing.
+    """
+    links = share * sizes(loop.robot.inertias)
+    least = 1e-6 * links.reshape(-1, 10).max(axis=0)  # of a link without mass
+    own = np.full(len(loop._own_names), np.inf)
+    return np.concatenate([np.maximum(links, least).ravel(), own])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EstimationError
-from .inertia import cvxpy, pseudo_inertia
+from .inertia import cvxpy, pseudo_inertia, standard
 
 Array = NDArray[np.float64]
 
@@ -22,6 +22,7 @@ def nearest(
     prior: Array | None = None,
     lower: Array | None = None,
     pull: float = _PULL,
+    deviation: Array | None = None,
 ) -> Array:
     """Return the standard parameters of links that can exist, nearest to base parameters.
 
@@ -45,6 +46,9 @@ def nearest(
         Bounds of the others; default: none.
     pull : float
         Weight of the prior.
+    deviation : (10 n + k,) ndarray, optional
+        Standard deviations of the prior, infinite where it says nothing, in place of that weight;
+        the metric has to be that of unit noise then.
 
     Returns
     -------
@@ -69,8 +73,9 @@ def nearest(
     phi = cp.Variable(matrix.shape[1])
     wanted = np.zeros(matrix.shape[1]) if prior is None else prior
     scale = np.maximum(np.abs(wanted), _small(theta if prior is None else wanted))
+    weight = np.sqrt(pull / len(scale)) / scale if deviation is None else 1.0 / (size * deviation)
     cost = cp.sum_squares(metric @ (matrix @ phi - theta) / size)
-    cost += pull * cp.sum_squares(cp.multiply(1.0 / scale, phi - wanted)) / len(scale)
+    cost += cp.sum_squares(cp.multiply(weight, phi - wanted))
     rules = []
     for i in range(n):
         link = [phi[10 * i + k] for k in range(10)]
@@ -87,6 +92,21 @@ def nearest(
     if phi.value is None:
         raise EstimationError(f"no consistent parameters were found: {task.status}")
     return np.asarray(phi.value, dtype=float)
+
+
+def sizes(inertias: Array) -> Array:
+    """Return the natural size of each standard parameter of links, (n, 10).
+
+    A product of inertia or a moment that is 0 is not known better than those that are not: its size
+    is that of the second moments along its two axes, and of the mass.
+
+    Examples
+    --------
+    >>> sizes(np.array([[4.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 2.0, 0.0, 2.0]])).tolist()
+    [[4.0, 2.0, 2.0, 2.0, 2.0, 1.0, 1.0, 2.0, 1.0, 2.0]]
+    """
+    moments = [np.abs(np.diag(pseudo_inertia(link.tolist()))) for link in inertias]
+    return np.abs([standard(np.sqrt(np.outer(m, m))) for m in moments])
 
 
 def _floor(link: Array) -> Array:
