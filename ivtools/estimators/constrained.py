@@ -84,8 +84,8 @@ class LMILS(Estimator):
 
     def _informed(self, problem: Problem, links: NearestLinks, **status: Any) -> FitResults:
         """Return the results of a robot, with what a prior makes of their covariance."""
-        status["weights"] = links.weights
-        results = self._results(problem, links.theta, (), links.notes, **status)
+        weights = links.weights
+        results = self._results(problem, links.theta, (), links.notes, weights=weights, **status)
         if links.from_prior is None:
             return results
         share = pd.Series(links.from_prior, results.params.index)

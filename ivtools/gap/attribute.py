@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -342,6 +343,23 @@ def _tried(
 # --- selection -------------------------------------------------------------------------------
 
 
+class Supposed(NamedTuple):
+    """An effect that removes most of a gap by itself and yet has no name.
+
+    Attributes
+    ----------
+    effect : str
+    values : mapping
+        Of every parameter of the model with it, on the first fold.
+    gain : float
+        Share of the whitened energy that it removes on held-out data.
+    """
+
+    effect: str
+    values: dict[str, float]
+    gain: float
+
+
 @dataclass(frozen=True, eq=False)
 class Attribution:
     """What was named.
@@ -362,6 +380,8 @@ class Attribution:
         As `held`, with the effects that were taken back because their names were doubtful.
     laws : Laws, optional
         Forces without a name along the motion of the fullest model, if something is left.
+    supposed : Supposed, optional
+        What most of the gap is without, where nothing is named.
     """
 
     base: tuple[Fit, ...]
@@ -372,6 +392,7 @@ class Attribution:
     rounds: tuple[Round, ...] = ()
     full: tuple[Fit, ...] = ()
     laws: Laws | None = None
+    supposed: Supposed | None = None
 
     @property
     def trials(self) -> tuple[Trial, ...]:
@@ -486,7 +507,11 @@ def attribute(
     fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
     kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
     found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws=laws)
-    return _withdrawn(sides, found)
+    found = _withdrawn(sides, found)
+    first = rounds[0].best if rounds else None
+    if found.named or first is None or np.min(first.gains) < rules.dominant.gain:
+        return found
+    return replace(found, supposed=Supposed(first.name, first.fits[0].values, first.gain))
 
 
 def _told(models: Sequence[tuple[Fit, ...]], laws: Laws, rules: Rules, least: int) -> int:

@@ -402,6 +402,7 @@ def _answer(
         tolerance=task.tolerance,
         whole=_whole(measured[0], result) if task.whole else None,
         alternatives=result.alternatives if task.whole else (),
+        supposed=None if effects else result.supposed,
     )
 
 
@@ -424,7 +425,8 @@ def _attributed(
     if not result.named and any(m.floor.isolated for m in measured):
         measured = tuple(_masked(m) for m in measured)
         sides, base = _sides(measured)
-        result = attribute(sides, base, rules, extra, without)
+        again = attribute(sides, base, rules, extra, without)
+        result = replace(again, supposed=again.supposed or result.supposed)
     return (measured if len(measured) == 2 else sides)[-1].fold, result
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..loop import ClosedLoop
 from ..tables import Text, table
 from ..units import quantity
-from .attribute import Evidence
+from .attribute import Evidence, Supposed
 from .discrepancy import Discrepancy
 from .fit import Fit
 from .floor import Floor
@@ -92,6 +92,8 @@ class Diagnosis:
         The final model on all of the record, where that was asked for.
     alternatives : tuple of mapping
         Its parameters as each effect would have them that helps and has no name.
+    supposed : Supposed or None
+        What most of the gap is without, where nothing is named.
     """
 
     verdict: str
@@ -123,6 +125,7 @@ class Diagnosis:
     confirmed: Confirmation | None = None
     whole: Fit | None = None
     alternatives: tuple[dict[str, float], ...] = ()
+    supposed: Supposed | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of ``ivtools diagnose``."""

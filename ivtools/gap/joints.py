@@ -48,6 +48,9 @@ def diagnose_robot(
     diagnosed as any other. An effect of one joint biases the links, and so shows in others: the
     robot is fitted again with all that was named, and every joint that named something is
     diagnosed again with the loads of those links. What it then no longer names was not its own.
+    Under loads that are a little wrong an effect may explain most of a gap and still not be told
+    from what they lack: the links are then estimated, and the joint is diagnosed again, as if it
+    had been named.
     A robot's joints have one mass each; the links behind a flexible joint, or one with backlash,
     swing as that joint by itself says, the joint with the largest gain first.
 
@@ -88,11 +91,14 @@ def diagnose_robot(
             own = named[name].effects if name in named else ()
             less = soft and _bends(j, told, better, settings, own, soft, found[name].chi[0])
             beside = {**soft} if less else {}
+            if again and not found[name].effects and _swing(found[name]) > 0.0:
+                beside[name] = assumed(found[name])
             if not again or beside or better is not plain:  # else nothing is new
                 found[name] = _joint(j, told, better, settings, own, beside)
             if again and _swing(found[name]) > 0.0:
-                soft[name] = found[name]
-        last, named = named, {name: d for name, d in found.items() if d.effects}
+                soft[name] = assumed(found[name])
+        told_of = found if again + 1 == ROUNDS else {n: assumed(d) for n, d in found.items()}
+        last, named = named, {name: d for name, d in told_of.items() if d.effects}
         if plain.problem is None or _effects(named) == _effects(last):
             break
         fuller = with_effects(loop, named)
@@ -108,10 +114,23 @@ def diagnose_robot(
     return RobotDiagnosis(record.name, loop.name, found, plain, better, coupled, notes)
 
 
+def assumed(diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis that has what it supposes for an effect, where it names nothing."""
+    one = diagnosis.supposed
+    if diagnosis.effects or one is None:
+        return diagnosis
+    own = {n.partition(".")[2]: v for n, v in one.values.items() if n.startswith(f"{one.effect}.")}
+    parameters = {one.effect: own}
+    return replace(diagnosis, effects=(one.effect,), parameters=parameters, theta=one.values)
+
+
 def _swing(diagnosis: Diagnosis | None) -> float:
     """Return the gain of a joint's two masses, on data that they were not fitted to; else 0."""
     if diagnosis is None:
         return 0.0
+    if not diagnosis.effects and diagnosis.supposed is not None:
+        one = diagnosis.supposed
+        return one.gain if one.effect in _TWO_MASSES else 0.0
     both = (e for e in diagnosis.effects if e in _TWO_MASSES and e in diagnosis.evidence)
     return max((diagnosis.evidence[e].gain for e in both), default=0.0)
 
@@ -218,7 +237,7 @@ def alone(
     without : sequence of str
         Effects of this joint that its axis is not to have.
     soft : mapping of str to Diagnosis, optional
-        Other joints with two masses: their links are not where their drives are.
+        Joints with two masses: their links are not where their drives are.
     """
     problem = fit.problem
     assert problem is not None
@@ -230,7 +249,8 @@ def alone(
         i = loop.joints.index(name)
         part = alone(i, record, fit).record
         rows = slice(0, part.n_samples)
-        places[rows, i], ddqs[rows, i] = _link(diagnosis, part, motion.dq[rows, i])
+        slow = loop.band_pipelines(record).differentiate(record.q, record.dt).ddq[rows, i]
+        places[rows, i], ddqs[rows, i] = _link(diagnosis, part, motion.dq[rows, i], slow)
     q, dq, ddq = (loop._to_joints(x) for x in (places, motion.dq, ddqs))
     asked = loop.robot.torques(q, dq, ddq, loop.inertias(values))
     if loop.transmission is not None:
@@ -238,7 +258,7 @@ def alone(
     poses = problem.motion.q[:: max(len(problem.motion.q) // _POSES, 1)]  # of the fit's own record
     inertia = float(loop.mass_matrix(poses, values)[:, j, j].mean())
     own = loop.joint_values(j, values)
-    load = asked[:, j] - (inertia - own.get("inertia", 0.0)) * motion.ddq[:, j]
+    load = asked[:, j] - (inertia - own.get("inertia", 0.0)) * ddqs[:, j]
     load = 0.5 * (load + np.append(load[1:], load[-1:]))  # held over the sample that it follows
     end = record.n_samples - problem.pipeline.trim[1]  # behind it derivatives are the filter's
     part, load = record.joint(j).slice(0, end), load[:end]
@@ -246,10 +266,11 @@ def alone(
     return Alone(part.replace(load=outside[:, np.newaxis]), _axis(j, loop, inertia, own, without))
 
 
-def _link(diagnosis: Diagnosis, record: Record, dq: Array) -> tuple[Array, Array]:
+def _link(diagnosis: Diagnosis, record: Record, dq: Array, slow: Array) -> tuple[Array, Array]:
     """Return position and acceleration of the link of a joint with two masses, (n_samples,) each.
 
-    Under its load it swings behind the drive; a gap lies on the side to which it is pulled.
+    Under its load it swings behind the drive; a gap lies on the side to which it is pulled, and a
+    link behind it is not jerked as the drive is that crosses it.
 
     Parameters
     ----------
@@ -257,8 +278,8 @@ def _link(diagnosis: Diagnosis, record: Record, dq: Array) -> tuple[Array, Array
         Has the values of its flexibility or backlash.
     record : Record
         Of that joint alone, with its load.
-    dq : ndarray, (n_samples,)
-        Velocity of the drive.
+    dq, slow : ndarray, (n_samples,)
+        Velocity of the drive, and its acceleration in the band that its reference moves in.
     """
     assert record.load is not None
     values, q = diagnosis.theta, record.q[:, 0]
@@ -280,7 +301,7 @@ def _link(diagnosis: Diagnosis, record: Record, dq: Array) -> tuple[Array, Array
     behind = ahead + swung(pulled, (1.0,))
     ddq = pull * ahead + drag * swung(dq, twice) - swung(pulled, twice)
     gap = 0.5 * values.get("backlash.gap", 0.0) * np.sign(pulled + ddq)
-    return q - behind - gap, ddq
+    return q - behind - gap, slow if effect == "backlash" else ddq
 
 
 def _axis(
