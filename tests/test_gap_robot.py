@@ -13,8 +13,9 @@ from benchmarks.withheld.robots import simulated, split
 from ivtools.cli import run
 from ivtools.errors import AxisError
 from ivtools.gap import links
+from ivtools.gap.attribute import Supposed
 from ivtools.gap.fold import Doubt, Fold
-from ivtools.gap.joints import alone, heard, identified
+from ivtools.gap.joints import alone, assumed, heard, identified
 
 
 def measured(loop, seed, noise=2e-5, seconds=12.0):
@@ -130,6 +131,30 @@ def test_a_link_swings_behind_its_drive():
         sim = shoulder.loop.simulate(shoulder.record, shoulder.loop.start)
         errors.append(np.std((sim.tau - shoulder.loop.force(shoulder.record))[3000:]))
     assert errors[1] < 0.75 * errors[0]
+
+
+def test_what_is_supposed_is_assumed_where_nothing_is_named(found):
+    elbow = found["elbow"]
+    values = {**elbow.theta, "backlash.gap": 1e-3, "backlash.load_share": 0.5}
+    guess = Supposed("backlash", values, 0.6)
+    bare = replace(elbow, effects=(), parameters={}, supposed=guess)
+    assert assumed(elbow) is elbow and assumed(replace(bare, supposed=None)).effects == ()
+    assert assumed(bare).effects == ("backlash",) and assumed(bare).theta == values
+    assert assumed(bare).parameters == {"backlash": {"gap": 1e-3, "load_share": 0.5}}
+
+
+def test_a_link_behind_a_gap_is_not_jerked_as_its_drive():
+    """Its load has the slow acceleration of the joint, which the rest of the model does not."""
+    loop = two_loop()
+    record = measured(loop, 3, noise=0.0, seconds=8.0)
+    fit, _ = identified(record, loop)
+    plain = alone(0, record, fit)
+    theta = {"inertia": plain.loop.start["inertia"], "backlash.contact_hz": 100.0,
+             "backlash.damping": 0.2, "backlash.load_share": 0.8, "backlash.gap": 0.0}  # fmt: skip
+    gap = SimpleNamespace(effects=("backlash",), theta=theta)
+    own = alone(0, record, fit, soft={"shoulder": gap})
+    change = (own.record.load - plain.record.load)[500:-500, 0]
+    assert 0.0 < np.std(change) < 0.2 * np.std(plain.record.load)
 
 
 def test_an_unknown_joint_is_refused():

@@ -249,6 +249,17 @@ def test_a_known_load_pulls_at_the_second_mass(effect):
     np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
 
 
+def test_a_contact_beyond_the_sampling_is_rigid_under_a_known_load():
+    loop = axes.emps().with_effect("backlash", gap=1e-4, load_share=0.5)
+    pulled = RECORD.replace(load=np.full((RECORD.n_samples, 1), 60.0))
+    stiff, stiffer = (THETA | {"backlash.contact_hz": hz} for hz in (1e3, 1e6))
+    np.testing.assert_array_equal(
+        loop.simulate(pulled, stiff).nu, loop.simulate(pulled, stiffer).nu
+    )
+    one, other = (loop.simulate(RECORD, theta).nu for theta in (stiff, stiffer))
+    assert np.abs(one - other).max() > 0.0
+
+
 @pytest.mark.parametrize(
     ("effect", "sizes"),
     [

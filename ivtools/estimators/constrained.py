@@ -180,7 +180,9 @@ class LMIIV(LMILS):
             theta = new
             if done:
                 break
-        status = {"Z": Z, "n_iter": n_iter, "n_simulations": n_iter, "converged": bool(done)}
+        status: dict[str, Any] = {
+            "Z": Z, "n_iter": n_iter, "n_simulations": n_iter, "converged": bool(done)
+        }  # fmt: skip
         if found is not None:
             return self._informed(problem, found, **status)
         return self._results(problem, theta, active, **status)
