@@ -562,6 +562,28 @@ def _outdone(
     )
 
 
+def confirmed(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -> Attribution:
+    """Return what was named on part of the records, if it also tells something on all of them.
+
+    A force without a name must not do better there: of what stands out an effect may show the
+    part that is like it.
+
+    Parameters
+    ----------
+    sides : tuple of Side
+        Two folds, with the stretches that stand out.
+    base : tuple of Fit
+        The model without effects, fitted on each.
+    found : Attribution
+        On the folds without those stretches.
+    """
+    held = frozen(sides, found.fits) if found.named else base
+    laws = Laws.of(held) if found.named else None
+    if laws is None or _told([base, held], laws, found.rules, least=0):
+        return found
+    return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
+
+
 def _withdrawn(sides: tuple[Side, ...], result: Attribution) -> Attribution:
     """Take back the names that what is left in the end makes doubtful."""
     doubtful = [n for n, proof in result.evidence.items() if probability(proof) < LIKELY]

@@ -118,6 +118,14 @@ class Trial:
         return np.array([(b.cost - h.cost) / max(b.cost - 1.0, 1e-9) for h, b in both])
 
     @property
+    def closable(self) -> Array:
+        """Share of the energy that smooth laws of the state could remove, per fold."""
+        both = zip(self.held, self.before, strict=True)
+        return np.array(
+            [(b.cost - h.cost) / max(b.cost - max(b.fold.smooth, 1.0), 1e-9) for h, b in both]
+        )
+
+    @property
     def disagreement(self) -> float:
         """Factor by which the folds disagree in the amplitude; 1 is agreement."""
         return float(np.exp(np.max(np.abs(np.log(np.clip(self.amplitudes[:, 0], 1e-9, None))))))
@@ -179,7 +187,9 @@ class Trial:
         """Whether the effect replicates, and the force error is smaller for it."""
         least = rules.threshold(self.term)
         enough = bool(np.min(self.shares) >= least.share)
+        thorough = bool(np.min(self.closable) >= rules.thorough.share)
         reached = any(self._reaches(x) for x in (least, rules.steady, rules.dominant))
+        reached |= thorough and self._reaches(rules.thorough)
         return enough and reached and self.inside and self.lowers and self.distinct
 
     def _reaches(self, least: Threshold) -> bool:

@@ -21,7 +21,7 @@ from ..simulators.protocol import Simulator
 from ..workers import share_heap
 from . import advice, discrepancy, floor, locate, parity, preflight, quantify, response, verdict
 from .against import against
-from .attribute import Attribution, attribute, cost, probability
+from .attribute import Attribution, attribute, confirmed, cost, probability
 from .confirm import confirm, run
 from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
@@ -236,11 +236,7 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
     record, holdout, law = task.record, task.holdout, [*law, *note, *parts]
     records: tuple[Record, ...] = (record,) if holdout is None else (record, holdout)
     checked = tuple(parity.check(one, loop) for one in records)
-    found: list[preflight.Finding] = []
-    for one, shown in zip(records, checked, strict=True):
-        seen = preflight.inspect(one, loop, shown)
-        found += seen if holdout is None else preflight.named(seen, one)
-    found += [] if holdout is None else preflight.overlap(record, holdout)
+    found = _inspected(records, loop, checked)
     if any(f.fatal for f in found):
         return _refused(record, loop, checked, [*found, *law])
     say("base model and floor")
@@ -250,11 +246,7 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
             _ready(r, p, records)._replace(doubt=d)
             for r, p, d in zip(records, checked, doubts, strict=False)
         ]
-        judge = task.judge
-        third = None
-        if judge is not None:
-            last = _ready(judge, parity.check(judge, loop), records)
-            third = _measure(last._replace(doubt=doubts[2]))
+        third = None if task.judge is None else _judging(task.judge, loop, records, doubts[2])
         loop = _alike(preflight.told_apart(records, loop), ready[0])
         measured = _confirmed(loop, _measured(ready))
     except IVToolsError as error:
@@ -271,6 +263,17 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
     fold, result = _attributed(measured, rules, task.extra, task.without)
     say("where and how far")
     return _answer(task, loop, measured, third, result, fold, rules, [*found, *law])
+
+
+def _inspected(
+    records: Sequence[Record], loop: ClosedLoop, checked: Sequence[Parity]
+) -> list[preflight.Finding]:
+    """Return what is wrong with the records, or worth a word, by the record's name."""
+    seen = [preflight.inspect(r, loop, p) for r, p in zip(records, checked, strict=True)]
+    if len(records) == 1:
+        return seen[0]
+    named = [preflight.named(s, r) for s, r in zip(seen, records, strict=True)]
+    return [*named[0], *named[1], *preflight.overlap(*records)]
 
 
 class _Ready(NamedTuple):
@@ -297,6 +300,14 @@ def _ready(record: Record, checked: Parity, records: Sequence[Record]) -> _Ready
         return _Ready(record, loop, checked, place)
     ramp = checked.after > PARITY_POOR
     return _Ready(*preflight.pulled(record, loop), checked, place, True, ramp)
+
+
+def _judging(
+    judge: Record, loop: ClosedLoop, records: Sequence[Record], doubt: Doubt | None
+) -> Measured:
+    """Return the record that takes part in nothing, measured as the others are."""
+    ready = _ready(judge, parity.check(judge, loop), records)
+    return _measure(ready._replace(doubt=doubt))
 
 
 def _alike(loop: ClosedLoop, one: _Ready) -> ClosedLoop:
@@ -347,16 +358,9 @@ def _answer(
 ) -> Diagnosis:
     """Put the diagnosis together."""
     checked, held_out = tuple(m.parity for m in measured), task.holdout is not None
-    plain = quantify.declared(loop, measured)
-    at_controller, values = parity.effects(checked)
-    shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
-    effects = (*at_controller, *result.named)
-    tried = result.named if measured[-1].driven else effects  # its controller changes nothing
-    removed = cost(result.base) - cost(result.held)
-    if tried and not verdict.lowers(shrink, not at_controller, removed):
-        found = [*found, verdict.no_better(effects, shrink)]
-        effects, result = (), replace(result, fits=result.base, held=result.base, named=())
-        shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
+    (at_controller, values), declared = parity.effects(checked), loop.controller.delay
+    lowered = _lowered(loop, measured, result, fold, at_controller, held_out)
+    effects, result, shrink, traces, said = lowered
     if third is not None:
         shrink = replace(shrink, judged=quantify.judge(loop, third, result))
     before, after = cost(result.base), cost(result.held)
@@ -367,7 +371,6 @@ def _answer(
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
     nameless = word == "unexplained" and tell and left is None
     outside = nameless and shrink.after > OVER_FLOOR * shrink.floor
-    found = [*found, verdict.outside()] if outside else found
     return Diagnosis(
         verdict=word,
         effects=effects,
@@ -375,16 +378,16 @@ def _answer(
         parameters={e: v for e, v in {**values, **result.parameters}.items() if e in effects},
         block=locate.block(
             effects,
-            any(p.delay != loop.controller.delay for p in checked),
-            any(m.floor.isolated for m in measured),
-            word != "adequate",
-            outside,
+            controller=any(p.delay != declared for p in checked),
+            events=any(m.floor.isolated for m in measured),
+            gap=word != "adequate",
+            outside=outside,
         ),
         regions=locate.regions(fold.record, fold.keep, traces.before, traces.after),
         shrink=shrink,
         ranking=verdict.ranking(result, rules, max(before - 1.0, 1e-9)),
         advice=(*advice.motions(result), *advice.remarks(loop, measured, result, held_out)),
-        findings=tuple(found),
+        findings=(*found, *said, *([verdict.outside()] if outside else [])),
         parity=checked,
         floors=tuple(m.floor for m in measured),
         loop=result.fits[0].loop,
@@ -406,6 +409,36 @@ def _answer(
     )
 
 
+class _Lowered(NamedTuple):
+    """What is named, how far the gap shrinks with it, and what is to be said of names that fell."""
+
+    effects: tuple[str, ...]
+    result: Attribution
+    shrink: quantify.Shrink
+    traces: quantify.Traces
+    said: tuple[preflight.Finding, ...] = ()
+
+
+def _lowered(
+    loop: ClosedLoop,
+    measured: tuple[Measured, ...],
+    result: Attribution,
+    fold: Fold,
+    at_controller: Sequence[str],
+    held_out: bool,
+) -> _Lowered:
+    """Return the names that lower the force error; if they do not, none."""
+    plain, effects = quantify.declared(loop, measured), (*at_controller, *result.named)
+    shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
+    tried = result.named if measured[-1].driven else effects  # its controller changes nothing
+    removed = cost(result.base) - cost(result.held)
+    if not tried or verdict.lowers(shrink, not at_controller, removed):
+        return _Lowered(effects, result, shrink, traces)
+    nothing = replace(result, fits=result.base, held=result.base, named=())
+    again = quantify.how_far(plain, measured, nothing, fold, held_out)
+    return _Lowered((), nothing, *again, (verdict.no_better(effects, shrink),))
+
+
 def _whole(m: Measured, result: Attribution) -> Fit:
     """Return the final model, fitted to all that counts of the first record."""
     fit, fold = result.fits[0], _masked(m).fold
@@ -423,9 +456,9 @@ def _attributed(
     sides, base = _sides(measured)
     result = attribute(sides, base, rules, extra, without)
     if not result.named and any(m.floor.isolated for m in measured):
-        measured = tuple(_masked(m) for m in measured)
+        measured, whole = tuple(_masked(m) for m in measured), (sides, base)
         sides, base = _sides(measured)
-        again = attribute(sides, base, rules, extra, without)
+        again = confirmed(*whole, attribute(sides, base, rules, extra, without))
         result = replace(again, supposed=again.supposed or result.supposed)
     return (measured if len(measured) == 2 else sides)[-1].fold, result
 

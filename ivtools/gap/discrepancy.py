@@ -11,7 +11,7 @@ Science 11(2), 1996.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -24,8 +24,8 @@ from ..loop import Simulation
 from . import spatial_lines
 from .fit import Fit, normal
 from .fold import block_t, threaded
-from .rules import DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
-from .smooth import OVER, Basis, Columns, beside, signals
+from .rules import DISCREPANCY_MOST, DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
+from .smooth import Basis, Columns, beside, signals
 
 Array = NDArray[np.float64]
 
@@ -198,8 +198,8 @@ class Spline:
 def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
     """Return the spline that predicts the other fold best.
 
-    What it may depend on is added one by one, as long as held-out data are significantly better
-    predicted: columns without need cost more than they bring.
+    What it may depend on is added one by one, the most telling first, as long as held-out data are
+    significantly better predicted: columns without need cost more than they bring.
 
     Parameters
     ----------
@@ -209,19 +209,21 @@ def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
         What it is made of.
     """
     search = _Search(fits, laws)
-    over: tuple[str, ...] = ()
     now = _Step(0.0, (), [np.zeros(len(f.e)) for f in fits])
-    while len(over) < len(OVER):
-        then = search.best(over)
-        saved = np.concatenate([
-            f.fold.block_sums((e + a) ** 2 - (e + b) ** 2)
-            for f, e, a, b in zip(fits, search.rests, now.answers, then.answers, strict=True)
-        ])  # fmt: skip
-        if then.gain <= now.gain or block_t(saved) < DISCREPANCY_T:
-            break
-        over, now = then.over, then
+    while then := next((s for s in search.ahead(now) if _tells(fits, search.rests, now, s)), None):
+        now = then
     left = tuple(e + a for e, a in zip(search.rests, now.answers, strict=True))
-    return Spline(search.force(now), over, now.gain, left)
+    return Spline(search.force(now), now.over, now.gain, left)
+
+
+def _tells(fits: Sequence[Fit], rests: Sequence[Array], now: _Step, then: _Step) -> bool:
+    """Whether a step predicts held-out data significantly better; most of it, in fewer blocks."""
+    saved = np.concatenate([
+        f.fold.block_sums((e + a) ** 2 - (e + b) ** 2)
+        for f, e, a, b in zip(fits, rests, now.answers, then.answers, strict=True)
+    ])  # fmt: skip
+    most, fewer = DISCREPANCY_MOST
+    return block_t(saved) >= (fewer if then.gain - now.gain >= most else DISCREPANCY_T)
 
 
 def advantage(fits: Sequence[Fit], before: Spline, after: Spline) -> float:
@@ -299,14 +301,19 @@ class _Search:
         rough = {n: basis.penalty(n, len(p)) for n, p in self.place.items()}
         self.rough = {n: R.T @ R for n, R in rough.items()}
 
-    def best(self, over: tuple[str, ...]) -> _Step:
-        """Return the best spline over one more signal."""
-        tried = [self._gain((*over, n), p) for n in self.place if n not in over for p in PENALTIES]
-        gain, names, penalty, betas = max(tried, key=lambda x: x[0])
-        full = np.zeros((2, len(self.sides[0])))
-        full[:, self._rows(names)] = betas[::-1]
-        answers = [c.times(b) for c, b in zip(self.seen, full, strict=True)]
-        return _Step(gain, names, answers, penalty)
+    def ahead(self, now: _Step) -> Iterator[_Step]:
+        """Yield the splines over one more signal that gain something, the best one first."""
+        more = [(*now.over, n) for n in self.place if n not in now.over]
+        tried = [
+            max((self._gain(names, p) for p in PENALTIES), key=lambda x: x[0]) for names in more
+        ]
+        for gain, names, penalty, betas in sorted(tried, key=lambda x: -x[0]):
+            if gain <= now.gain:
+                return
+            full = np.zeros((2, len(self.sides[0])))
+            full[:, self._rows(names)] = betas[::-1]
+            answers = [c.times(b) for c, b in zip(self.seen, full, strict=True)]
+            yield _Step(gain, names, answers, penalty)
 
     def force(self, step: _Step) -> tuple[Array, ...]:
         """Return what fits both folds at once, on each, N or N m, (n_samples,)."""

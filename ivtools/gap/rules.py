@@ -343,6 +343,9 @@ ALIKE = 1e-10
 DESCRIBED = 1.05
 #: Block t value of the energy that it saves on held-out data (training).
 DISCREPANCY_T = 3.0
+#: Share of that energy from which fewer blocks do, and their t value (as of dominant effects: what
+#: depends on the load shows where the axis accelerates).
+DISCREPANCY_MOST = (0.5, 2.0)
 #: Standard errors by which names may predict worse than a force without a name does (theory:
 #: Breiman et al., 1984; training: four false names were 1.1 to 5.7 worse; of true ones only one,
 #: without those that belong beside it, 2.5).
@@ -441,6 +444,10 @@ class Rules:
         An effect that is as steady as this needs a smaller gain.
     dominant : Threshold
         An effect that removes so much needs fewer blocks in which it shows: a clipped peak.
+    thorough : Threshold
+        An effect that removes such a `share` of what smooth laws of the state could remove at all
+        needs a smaller gain: most of the gap follows no law, as what the axis and a simulator
+        with a pendulum do differently.
     equivalence : float
         Equivalence margin: effects within this fraction of the best gain, or within
     equivalence_open : float
@@ -471,6 +478,7 @@ class Rules:
     other: Threshold = Threshold(0.02, 6.5, 1.67)
     steady: Threshold = Threshold(0.012, 20.0, 1.25)
     dominant: Threshold = Threshold(0.5, 3.0, 1.25)
+    thorough: Threshold = Threshold(0.012, 5.0, 1.67, 0.6)
     equivalence: float = 0.12
     equivalence_open: float = 0.25
     correlation: float = 0.6
