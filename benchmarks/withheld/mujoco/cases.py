@@ -242,7 +242,14 @@ def draw(suite: str, name: str, seed: int) -> Case:
         plants[1] = replace(plants[1], **{key: rng.uniform(low, high) * getattr(a.plant, key)})
     n, kind = int(SECONDS / DT), str(rng.choice(KINDS))
     refs = [motion(rng, kind, n) * a.length for _ in (0, 1)]
-    records = [_record(rng, a, p, r, wrong, cut) for p, r in zip(plants, refs, strict=True)]
+    noises = [a.noise * rng.normal(size=n) for _ in refs]
+    if cut is not None:  # a drive has one limit, so both motions ask for about as much
+        peaks = [_peak(a, plants[0], r, x) for r, x in zip(refs, noises, strict=True)]
+        refs[1] = refs[1] * peaks[0] / peaks[1]
+        limit = cut * min(peaks[0], _peak(a, plants[0], refs[1], noises[1]))
+        plants = [replace(p, drive=lambda tau: min(max(tau, -limit), limit)) for p in plants]
+    runs = zip(plants, refs, noises, strict=True)
+    records = [_record(a, p, r, x, wrong) for p, r, x in runs]
     p = a.plant
     tables = {
         "axis": {"name": "withheld", "joint": p.joint},
@@ -254,21 +261,15 @@ def draw(suite: str, name: str, seed: int) -> Case:
     return Case(tables, records, {"suite": suite, "name": name, "effects": truth})
 
 
+def _peak(a: Axis, plant: Plant, ref: np.ndarray, noise: np.ndarray) -> float:
+    """Return the largest force that a motion asks for, but for single samples."""
+    return float(np.quantile(np.abs(a.gain * _play(a, plant, ref, noise, 0.0)[1]), 0.9995))
+
+
 def _record(
-    rng: np.random.Generator,
-    a: Axis,
-    plant: Plant,
-    ref: np.ndarray,
-    wrong: float,
-    cut: float | None,
+    a: Axis, plant: Plant, ref: np.ndarray, noise: np.ndarray, wrong: float
 ) -> dict[str, np.ndarray]:
     """Return the log of one run."""
-    noise = a.noise * rng.normal(size=len(ref))
-    if cut is not None:
-        peak = cut * float(
-            np.quantile(np.abs(a.gain * _play(a, plant, ref, noise, 0.0)[1]), 0.9995)
-        )
-        plant = replace(plant, drive=lambda tau: min(max(tau, -peak), peak))
     q, nu = _play(a, plant, ref, noise, wrong)
     return {"t": DT * np.arange(len(ref)), "q": q, "q_ref": ref, "nu": nu}
 
