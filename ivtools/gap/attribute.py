@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from .candidate import Trial, attempt, frozen
-from .discrepancy import Laws, Spline, advantage, fitted
+from .discrepancy import Laws, Spline, advantage, fitted, least_t
 from .fit import Fit, gauss_newton, steps
 from .fold import Side, threaded
 from .library import library
@@ -553,11 +553,11 @@ def _outdone(
         Of what either leaves.
     """
     nameless = float(np.mean([np.mean(e**2) for e in plain.left]))
-    more = cost(held) - nameless > rules.equivalence * (cost(base) - nameless)
+    saved = cost(held) - nameless
     alone = Spline((), (), 0.0, tuple(beside(h, h.e[:, None])[:, 0] for h in held))
     return (
-        more
-        and advantage(base, alone, plain) > DISCREPANCY_T
+        saved > rules.equivalence * (cost(base) - nameless)
+        and advantage(base, alone, plain) > least_t(saved / cost(held))
         and advantage(base, plain, both) < DISCREPANCY_T
     )
 

@@ -217,13 +217,18 @@ def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
 
 
 def _tells(fits: Sequence[Fit], rests: Sequence[Array], now: _Step, then: _Step) -> bool:
-    """Whether a step predicts held-out data significantly better; most of it, in fewer blocks."""
+    """Whether a step predicts held-out data significantly better."""
     saved = np.concatenate([
         f.fold.block_sums((e + a) ** 2 - (e + b) ** 2)
         for f, e, a, b in zip(fits, rests, now.answers, then.answers, strict=True)
     ])  # fmt: skip
+    return block_t(saved) >= least_t(then.gain - now.gain)
+
+
+def least_t(share: float) -> float:
+    """Return the block t value from which such a share of the energy is saved significantly."""
     most, fewer = DISCREPANCY_MOST
-    return block_t(saved) >= (fewer if then.gain - now.gain >= most else DISCREPANCY_T)
+    return fewer if share >= most else DISCREPANCY_T
 
 
 def advantage(fits: Sequence[Fit], before: Spline, after: Spline) -> float:
