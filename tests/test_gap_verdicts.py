@@ -116,6 +116,21 @@ def test_periodic_friction_is_not_taken_for_cogging():
     assert found.effects == ("worn",)  # it is there to be seen
 
 
+def uneven(q, dq, ddq, sign, tau, t, size):
+    """A drive whose gain depends on the position."""
+    return -size * tau * np.sin(25.0 * q)
+
+
+UNEVEN = Term("uneven", "drive", (Parameter("size", "1"),), "a drive's gain", "a test", law=uneven)
+
+
+def test_a_drive_gain_over_position_is_described_and_not_named():
+    loop = iv.axes.emps().with_effect(UNEVEN, size=0.08)
+    gap = iv.diagnose(record(16, loop), iv.axes.emps(), record(17, loop))
+    assert gap.effects == () and gap.verdict == "unexplained"
+    assert "gain" in gap.discrepancy.over and "load times position or speed" in gap.summary()
+
+
 def belted(seed):
     """Return a record with a force that a move leaves behind and that fades within 0.5 s."""
     loop, plain = iv.axes.emps(), record(seed)
@@ -165,6 +180,9 @@ def test_a_name_falls_where_a_force_without_one_explains_more():
     assert _outdone(base, (fit(1.5),), spline(0.0), spline(0.0), rules)
     assert not _outdone(base, (fit(0.5),), spline(0.0), spline(0.0), rules)  # equivalent
     assert not _outdone(base, (fit(1.5),), spline(0.8), spline(0.0), rules)  # both are there
+    shape[300:] = 0.0  # in six blocks only
+    assert not _outdone((fit(3.0),), (fit(2.0),), spline(0.0), spline(0.0), rules)
+    assert _outdone((fit(9.0),), (fit(6.0),), spline(0.0), spline(0.0), rules)  # most of it
 
 
 def test_forces_that_remember_have_one_unit_on_every_fold():
