@@ -267,6 +267,8 @@ def play(
         What is tried.
     rules : Rules
     """
+    if rounds:  # most of what a name leaves is not much
+        rules = replace(rules, thorough=rules.steady)
     last = rounds[-1].best if rounds else None
     fits, held = (last.fits, last.held) if last else (base, base)
     found = _screened(sides, fits, terms)

@@ -445,9 +445,9 @@ class Rules:
     dominant : Threshold
         An effect that removes so much needs fewer blocks in which it shows: a clipped peak.
     thorough : Threshold
-        An effect that removes such a `share` of what smooth laws of the state could remove at all
-        needs a smaller gain: most of the gap follows no law, as what the axis and a simulator
-        with a pendulum do differently.
+        The first effect that removes such a `share` of what smooth laws of the state could remove
+        at all needs a smaller gain: most of the gap follows no law, as what the axis and a
+        simulator with a pendulum do differently.
     equivalence : float
         Equivalence margin: effects within this fraction of the best gain, or within
     equivalence_open : float
