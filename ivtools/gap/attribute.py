@@ -32,6 +32,7 @@ from .rules import (
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     LIKELY,
+    MORE,
     MOST_DISAGREEMENT,
     RIVAL,
     ROUGH,
@@ -502,7 +503,8 @@ def attribute(
         if cost(winner.held) < CLEAN:  # at the floor: nothing is left to have a name
             break
     models = [base, *(t.held for t in best)]
-    left = bool(best) and cost(models[-1]) >= CLEAN  # something to describe
+    lawless = float(np.mean([b.fold.smooth for b in base]))
+    left = bool(best) and cost(models[-1]) >= min(CLEAN, MORE * lawless)  # to be described
     laws = next(filter(None, map(Laws.of, models[::-1])), None) if left else None
     seen = bool(best) and best[0].name == rounds[0].measured
     best = best[: len(best) if laws is None else _told(models, laws, rules, least=int(seen))]
