@@ -566,11 +566,11 @@ def _outdone(
     )
 
 
-def confirmed(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -> Attribution:
+def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -> Attribution:
     """Return what was named on part of the records, if it also tells something on all of them.
 
     A force without a name must not do better there: of what stands out an effect may show the
-    part that is like it.
+    part that is like it. What a further sensor in the law has measured is no guess.
 
     Parameters
     ----------
@@ -581,8 +581,10 @@ def confirmed(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution
     found : Attribution
         On the folds without those stretches.
     """
-    held = frozen(sides, found.fits) if found.named else base
-    laws = Laws.of(held) if found.named else None
+    if not found.named or found.rounds[0].measured in found.named:
+        return found
+    held = frozen(sides, found.fits)
+    laws = Laws.of(held)
     if laws is None or _told([base, held], laws, found.rules, least=0):
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)

@@ -21,7 +21,7 @@ from ..simulators.protocol import Simulator
 from ..workers import share_heap
 from . import advice, discrepancy, floor, locate, parity, preflight, quantify, response, verdict
 from .against import against
-from .attribute import Attribution, attribute, confirmed, cost, probability
+from .attribute import Attribution, attribute, cost, probability, upheld
 from .confirm import confirm, run
 from .diagnosis import Diagnosis
 from .fit import Fit, gauss_newton, start, steps
@@ -458,7 +458,7 @@ def _attributed(
     if not result.named and any(m.floor.isolated for m in measured):
         measured, whole = tuple(_masked(m) for m in measured), (sides, base)
         sides, base = _sides(measured)
-        again = confirmed(*whole, attribute(sides, base, rules, extra, without))
+        again = upheld(*whole, attribute(sides, base, rules, extra, without))
         result = replace(again, supposed=again.supposed or result.supposed)
     return (measured if len(measured) == 2 else sides)[-1].fold, result
 
