@@ -112,7 +112,6 @@ def evidence(
         The model with all that is named; without it, all that is left may yet get a name.
     """
     whole = max(float(np.mean([b.cost for b in base])) - 1.0, 1e-9)
-    lawless = float(np.mean([b.fold.smooth for b in base]))  # what is left then follows no law
     return Evidence(
         gain=float(np.min(trial.gains)),
         t=float(np.min(trial.t)),
@@ -120,7 +119,7 @@ def evidence(
         rival=max([0.0, *(r.gain / trial.gain for r in rivals)]),
         share=trial.removed / whole,
         left=float(np.mean([h.cost for h in trial.held])),
-        explained=1.0 - max(cost(held) - max(lawless, UNNAMED), 0.0) / whole if held else 1.0,
+        explained=1.0 - max(cost(held) - max(lawless(base), UNNAMED), 0.0) / whole if held else 1.0,
         unlike=trial.unlike,
         evenness=trial.evenness(held) if held else 1.0,
     )
@@ -288,6 +287,11 @@ def play(
 def cost(fits: Sequence[Fit]) -> float:
     """Return the mean square of the whitened error, mean of the folds."""
     return float(np.mean([f.cost for f in fits]))
+
+
+def lawless(fits: Sequence[Fit]) -> float:
+    """Return what smooth laws of the state leave of that: what follows no law, known or not."""
+    return float(np.mean([f.fold.smooth for f in fits]))
 
 
 def _screened(
@@ -503,8 +507,7 @@ def attribute(
         if cost(winner.held) < CLEAN:  # at the floor: nothing is left to have a name
             break
     models = [base, *(t.held for t in best)]
-    lawless = float(np.mean([b.fold.smooth for b in base]))
-    left = bool(best) and cost(models[-1]) >= min(CLEAN, MORE * lawless)  # to be described
+    left = bool(best) and cost(models[-1]) >= min(CLEAN, MORE * lawless(base))  # to be described
     laws = next(filter(None, map(Laws.of, models[::-1])), None) if left else None
     seen = bool(best) and best[0].name == rounds[0].measured
     best = best[: len(best) if laws is None else _told(models, laws, rules, least=int(seen))]

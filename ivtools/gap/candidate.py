@@ -114,16 +114,17 @@ class Trial:
     @property
     def shares(self) -> Array:
         """Share of the reducible gap removed on held-out data, per fold; the floor is 1."""
-        both = zip(self.held, self.before, strict=True)
-        return np.array([(b.cost - h.cost) / max(b.cost - 1.0, 1e-9) for h, b in both])
+        return self._removed_of([1.0 for _ in self.before])
 
     @property
     def closable(self) -> Array:
         """Share of the energy that smooth laws of the state could remove, per fold."""
-        both = zip(self.held, self.before, strict=True)
-        return np.array(
-            [(b.cost - h.cost) / max(b.cost - max(b.fold.smooth, 1.0), 1e-9) for h, b in both]
-        )
+        return self._removed_of([max(b.fold.smooth, 1.0) for b in self.before])
+
+    def _removed_of(self, floors: Sequence[float]) -> Array:
+        """Return the share removed of the energy above a floor, per fold."""
+        folds = zip(self.held, self.before, floors, strict=True)
+        return np.array([(b.cost - h.cost) / max(b.cost - f, 1e-9) for h, b, f in folds])
 
     @property
     def disagreement(self) -> float:
