@@ -14,9 +14,10 @@ all that was tried are kept, so that other criteria can be judged afterwards on 
 - its amplitude is the same on both folds (Wald test with an equivalence margin),
 - it removes a material share of the energy;
 
-what a model confidence set holds beside it, within the margin, is not told from it (P. R. Hansen,
-A. Lunde, J. M. Nason, Econometrica 79(2), 2011). `tests, against forces without a name` names it
-only if it also predicts held-out data as well as a smooth force without a name does, as
+what a model confidence set of it and another one holds, within the margin, is not told from it
+(P. R. Hansen, A. Lunde, J. M. Nason, Econometrica 79(2), 2011; pair by pair). What is decided at
+the controller, without fits, is as the rules have it. `tests, against forces without a name` names
+it only if it also predicts held-out data as well as a smooth force without a name does, as
 today's rules ask.
 """
 
@@ -39,6 +40,7 @@ import numpy as np  # noqa: E402
 from scipy import stats  # noqa: E402
 
 from .answers import answer  # noqa: E402
+from .effects import AT_CONTROLLER  # noqa: E402
 from .mujoco import run as mujoco  # noqa: E402
 from .run import done, read  # noqa: E402
 from .scores import score  # noqa: E402
@@ -207,9 +209,7 @@ def today(row: Mapping[str, Any]) -> dict[str, Any]:
 def tests(row: Mapping[str, Any], nameless: bool = False) -> dict[str, Any]:
     """Return the name that the tests give, and what is not told from it."""
     mute = {"effects": [], "ambiguous_with": {}, "verdict": row["found"]["verdict"]}
-    at_controller = [e for e in row["found"]["effects"] if e in ("saturation",)]
-    at_controller += [e for e in row["found"]["effects"] if e == "controller-mismatch"]
-    if at_controller or not row["attempts"]:
+    if {*row["found"]["effects"]} & {*AT_CONTROLLER} or not row["attempts"]:
         return today(row)
     attempt = row["attempts"][-1]
     trials = attempt["rounds"][0]["trials"] if attempt["rounds"] else []
