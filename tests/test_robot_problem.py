@@ -242,6 +242,30 @@ def test_intervals_hold_where_a_mask_leaves_short_segments_of_steep_noise():
     assert 0.85 < np.sqrt(said.mean()) / spread.std() < 1.2  # by Yule and Walker's equations 1.29
 
 
+def test_intervals_of_short_records_are_finite():
+    """What a fit takes leaks to where there is no noise: given back, it may leave no covariance."""
+    from scipy.signal import firwin, lfilter
+
+    from ivtools.linalg import Stack, estimate_covariance
+
+    rng, decimated = np.random.default_rng(0), np.diff(firwin(25, 0.5), 2)
+    t = np.arange(240) * 1e-2
+    rows, joints = np.tile(t, 2), np.repeat([0, 1], len(t))
+    w = 2.0 * np.pi * np.array([0.2, 0.5, 0.9, 1.3, 1.7])
+    waves = np.hstack([np.sin(np.outer(rows, w)), np.cos(np.outer(rows, w))])
+    X = np.hstack([waves * (joints == j)[:, np.newaxis] for j in (0, 1)])
+    starts, stack = np.arange(0, 480, 120), Stack(joints, rows)
+    found = []
+    for _ in range(60):
+        noise = lfilter(decimated, [1.0], rng.standard_normal((4, 160)))[:, 40:].ravel()
+        theta = np.linalg.lstsq(X, noise)[0]
+        known = estimate_covariance(X, noise - X @ theta, starts=starts, stack=stack).matrix
+        found.append((theta, np.sqrt(np.diag(known))))
+    theta, said = np.array(found).transpose(1, 0, 2)
+    ratio = said / theta.std(axis=0)  # without: more than 1e40 in most of them
+    assert 0.7 < np.median(ratio) < 1.2 and ratio.max() < 5.0
+
+
 def test_errors_of_one_instant_hang_together():
     """Two joints with the same noise: their mean is no better known than one of them."""
     from ivtools.linalg import Stack, covariance, segment_starts

@@ -60,7 +60,7 @@ def burg(e: Array, lags: int, starts: NDArray[np.intp]) -> Array:
     return np.array(acov)
 
 
-def taken(inverse: Array, sigma: float, Q: Array, lags: int) -> Array:
+def taken(inverse: Array, sigma: float, Q: Array, lags: int, adds: bool = True) -> Array:
     """Return the autocovariances (lags + 1,) that a fit takes from noise of a model, in the mean.
 
     A fit by columns that Q spans leaves (I - P) e of the noise e, where P = Q Q' projects on
@@ -77,6 +77,9 @@ def taken(inverse: Array, sigma: float, Q: Array, lags: int) -> Array:
     Q : (N, k) ndarray
         Orthonormal columns, or the rows of such that this noise belongs to.
     lags : int
+    adds : bool
+        Whether the fit also adds. What it takes leaks into frequencies with hardly any noise, and
+        the residual has more there, in the mean. A single one need not have so much to give back.
 
     References
     ----------
@@ -95,7 +98,8 @@ def taken(inverse: Array, sigma: float, Q: Array, lags: int) -> Array:
     SQ = np.fft.irfft(power * np.fft.rfft(Q, size, axis=0), size, axis=0)[:n]
     R = 2.0 * SQ - Q @ (Q.T @ SQ)  # Q R' + R Q' is twice what is taken
     cross = np.fft.rfft(Q, size, axis=0) * np.conj(np.fft.rfft(R, size, axis=0))
-    return np.fft.irfft(cross.real.sum(axis=1), size)[: lags + 1] / n
+    spectrum = cross.real.sum(axis=1) / n
+    return np.fft.irfft(spectrum if adds else np.maximum(spectrum, 0.0), size)[: lags + 1]
 
 
 def segment_starts(t: Array, joints: NDArray[np.int_]) -> NDArray[np.intp]:

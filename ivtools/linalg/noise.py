@@ -116,8 +116,10 @@ class NoiseModel:
             basis = np.linalg.qr(fitted)[0]
         if basis is None:
             return model
-        acov += taken(model.inverse, model.sigma, basis, top)
-        return cls._of_best_order(acov, starts, len(e), penalty)
+        whole = acov + taken(model.inverse, model.sigma, basis, top)
+        if cls.from_autocovariance(whole).variances.min() < _FLOOR * whole[0]:  # it is none
+            whole = acov + taken(model.inverse, model.sigma, basis, top, adds=False)
+        return cls._of_best_order(whole, starts, len(e), penalty)
 
     @classmethod
     def _of_best_order(
