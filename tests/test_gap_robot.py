@@ -133,6 +133,31 @@ def test_a_link_swings_behind_its_drive():
     assert errors[1] < 0.75 * errors[0]
 
 
+def test_a_link_behind_a_gap_has_the_inertia_of_its_pose():
+    """The force of what it has beyond its mean is that of its own acceleration, not the drive's."""
+    start = {"inertia": 0.02, "viscous": 0.05, "coulomb": 0.1, "offset": 0.0}
+    axes = [axis(kp, kd, tuple(start), **start) for kp, kd in ((40.0, 4.0), (20.0, 1.5))]
+    loop = iv.RobotLoop(two_joints(), axes)
+    asked = plan(*reference(8.0, n=2, seed=3, size=0.8))
+    record = simulated(split(loop, "shoulder", hz=40.0, damping=0.2, gap=3e-3), asked, None)
+    fit, _ = identified(record, loop)
+    true = {n: loop.values()[n] for n in fit.params.index}
+    shoulder = alone(0, record, replace(fit, params=fit.params * 0.0 + list(true.values())))
+    mean, felt = shoulder.loop.start["inertia"], loop.mass_matrix(np.zeros(2))[0, 0, 0]
+    share = 1.0 - 0.02 / mean
+    stiffer = ((felt - 0.02) / (mean * share * (1.0 - share))) ** 0.5
+    values = {"gap": 3e-3, "load_share": share, "load_friction": 0.0, "load_offset": 0.0,
+              "contact_hz": 40.0 * stiffer, "damping": 0.2 * stiffer}  # fmt: skip
+    axis_with = shoulder.loop.with_effect("backlash", **values)
+    own = axis_with.values(shoulder.loop.start)
+    none = np.column_stack([shoulder.record.load, 0.0 * shoulder.link[:, 1]])
+    errors = []
+    for link in (None, none, shoulder.link):
+        sim = axis_with.simulate(shoulder.record, own, link=link)
+        errors.append(np.std((sim.tau - axis_with.force(shoulder.record))[500:]))
+    assert errors[1] == errors[0] and errors[2] < 0.5 * errors[0]
+
+
 def test_what_is_supposed_is_assumed_where_nothing_is_named(found):
     elbow = found["elbow"]
     values = {**elbow.theta, "backlash.gap": 1e-3, "backlash.load_share": 0.5}

@@ -274,17 +274,28 @@ def phases(loop: ClosedLoop) -> set[str]:
 
 def _extended(side: Side, fit: Fit, term: Term, begin: list[dict[str, float]]) -> Fit:
     """Fit the model with one more effect, from its best starting values."""
-    found = []
+    found, base = [], _beginning(fit, term)
     for values in begin:
         loop = fit.loop.with_effect(term, **values)
         step = steps(side.fold, loop, side.scales)
         free = [*fit.free, *_free(term, values)]
-        new = gauss_newton(side.fold, loop, loop.values(fit.values), free, step)
+        new = gauss_newton(side.fold, loop, loop.values(base), free, step)
         if new.cost > fit.cost:  # the base parameters must give way first: begin without it
             plain = {**loop.values(fit.values), **_absent(term)}
             new = gauss_newton(side.fold, loop, plain, free, step)
         found.append(new)
     return min(found, key=lambda f: f.cost)
+
+
+def _beginning(fit: Fit, term: Term) -> dict[str, float]:
+    """Return the parameters of a model beside which the search for one more effect begins.
+
+    A rigid joint that rattles is as heavy as it takes to be jerked; the robot, identified in the
+    band of its motion, knows better what it weighs.
+    """
+    if term.search == "valleys" and fit.fold.doubt is not None:
+        return {**fit.values, **{n: v for n, v in fit.loop.start.items() if "." not in n}}
+    return fit.values
 
 
 def _absent(term: Term) -> dict[str, float]:
@@ -378,7 +389,7 @@ def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point], float]:
     J = fit.J[np.sum(fold.keep[: rows.start]) :][: part.n_kept]
     Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0]
     loop = fit.loop.with_effect(term)
-    base = loop.values(fit.values)
+    base = loop.values(_beginning(fit, term))
 
     def cost(point: Point) -> float:
         """Return the mean square of the whitened error."""

@@ -135,13 +135,15 @@ def jacobian(
     """Return the derivative of the whitened error, (n_kept, n_free).
 
     A parameter of a force law acts through its force along the simulated trajectory and the
-    loop's linear response; one that changes the structure is simulated once more.
+    loop's linear response; one that changes the structure is simulated once more, and so is every
+    one where a robot's link is behind a second mass: the response is that of a rigid joint.
     """
+    rigid = fold.doubt is None or not any(t.search == "valleys" for t in loop.terms)
     owner = {n: (t, i) for t in loop.terms for i, n in enumerate(t.names)}
     forces, J = {}, np.empty((len(e), len(free)))
     for column, name in enumerate(free):
         term, _ = owner[name]
-        if term.law is not None and fold.response is not None:
+        if rigid and term.law is not None and fold.response is not None:
             forces[column] = _law_change(term, name, values, step[name], simulation)
             continue
         at_top = values[name] + step[name] > loop.parameters[name].upper

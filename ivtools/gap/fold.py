@@ -26,6 +26,7 @@ from .rules import (
     BLOCK,
     DIVERGED,
     LEAST_BLOCK,
+    LINKED_TRANSIENT,
     NEAR_LIMIT,
     REST,
     STANDING,
@@ -53,16 +54,24 @@ class Doubt:
         What the command, N or N m, answers to a unit of each size.
     mean, precision : ndarray, (m,) and (m, m)
         What is known of the sizes from elsewhere; a precision of 0 is nothing.
+    link : ndarray, (n_samples, 2), optional
+        The load at a second mass, and what inertia that has beyond its mean; see
+        `ClosedLoop.simulate`.
     """
 
     t: Array
     answers: Array
     mean: Array
     precision: Array
+    link: Array | None = None
 
     def on(self, record: Record) -> Array:
         """Return the answers on that record, or a part of it, (n_samples, m)."""
         return self.answers[np.searchsorted(self.t, record.t)]
+
+    def linked(self, record: Record) -> Array | None:
+        """Return `link` on that record, or a part of it, (n_samples, 2)."""
+        return None if self.link is None else self.link[np.searchsorted(self.t, record.t)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +170,9 @@ class Fold:
 
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""
-        if self.place is None:
-            return loop.simulate(self.record, values)
-        return loop.simulate(self.record, values, place=self.place, ramp=self.ramp)
+        link = None if self.doubt is None else self.doubt.linked(self.record)
+        ramp = self.ramp and self.place is not None
+        return loop.simulate(self.record, values, place=self.place, link=link, ramp=ramp)
 
     def gap(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return measured minus simulated force, N or N m, (n_samples,); inf if it diverged."""
@@ -230,7 +239,8 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
     the axis is stuck wherever friction caught it and the command says little about the model.
     """
     keep = np.ones(record.n_samples, dtype=bool)
-    keep[: round(TRANSIENT / record.dt)] = False
+    seconds = TRANSIENT if record.load is None else LINKED_TRANSIENT
+    keep[: round(seconds / record.dt)] = False
     own = loop.command(record)[:, 0]
     own = own - record.added[:, 0] if record.added is not None else own
     keep &= ~_dilate(np.abs(own) >= AT_LIMIT * loop.controller.limit, round(NEAR_LIMIT / record.dt))

@@ -170,7 +170,10 @@ def _joint(
     name = fit.problem.loop.joints[j]  # type: ignore[union-attr]
     parts = [alone(j, one, fit, without, soft) for one in told]
     other = parts[1].record if len(parts) > 1 else None
-    doubts = [None if links is None else links.doubt(name) for links in told.values()]
+    doubts = [
+        None if links is None else replace(links.doubt(name), link=part.link)
+        for links, part in zip(told.values(), parts, strict=True)
+    ]
     return heard(diagnose(parts[0].record, parts[0].loop, other, doubts=doubts, **settings))
 
 
@@ -211,10 +214,20 @@ def heard(diagnosis: Diagnosis) -> Diagnosis:
 
 
 class Alone(NamedTuple):
-    """One joint of a robot as an axis: its record with the others' load, and its loop."""
+    """One joint of a robot as an axis.
+
+    Attributes
+    ----------
+    record : Record
+        With the load of the others.
+    loop : ClosedLoop
+    link : ndarray, (n_samples, 2)
+        That load without what the inertia of its link has beyond the mean, and that inertia.
+    """
 
     record: Record
     loop: ClosedLoop
+    link: Array
 
 
 def alone(
@@ -259,11 +272,15 @@ def alone(
     inertia = float(loop.mass_matrix(poses, values)[:, j, j].mean())
     own = loop.joint_values(j, values)
     load = asked[:, j] - (inertia - own.get("inertia", 0.0)) * ddqs[:, j]
-    load = 0.5 * (load + np.append(load[1:], load[-1:]))  # held over the sample that it follows
+    more = loop.mass_matrix(places, values)[:, j, j] - inertia
+    both = np.column_stack([load, load - more * ddqs[:, j], more])
+    both = 0.5 * (both + np.vstack([both[1:], both[-1:]]))  # held over the sample that it follows
     end = record.n_samples - problem.pipeline.trim[1]  # behind it derivatives are the filter's
-    part, load = record.joint(j).slice(0, end), load[:end]
-    outside = load if part.load is None else load + part.load[:, 0]
-    return Alone(part.replace(load=outside[:, np.newaxis]), _axis(j, loop, inertia, own, without))
+    part = record.joint(j)
+    if part.load is not None:
+        both[:, :2] += part.load
+    part = part.slice(0, end).replace(load=both[:end, :1])
+    return Alone(part, _axis(j, loop, inertia, own, without), both[:end, 1:])
 
 
 def _link(diagnosis: Diagnosis, record: Record, dq: Array, slow: Array) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from ..results import FitResults
 from . import response
 from .floor import autoregression
 from .fold import Doubt
-from .rules import BLOCK, LEAST_BLOCK, OWN, SINGULAR, TOLD_APART, TRANSIENT
+from .rules import BLOCK, LEAST_BLOCK, LINKED_TRANSIENT, OWN, SINGULAR, TOLD_APART
 
 Array = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def measure(fit: FitResults, record: Record, before: Links | None = None) -> Lin
     own = [loop.axis(j, record, values) for j in range(loop.n_joints)]
     heard = [response.measure(a, record.joint(j), a.start) for j, a in enumerate(own)]
     inertia = np.column_stack([h(x) for h, x in zip(heard, simulation.ddq.T, strict=True)])
-    first = max(round(TRANSIENT / record.dt), 1)
+    first = max(round(LINKED_TRANSIENT / record.dt), 1)
     both = [_normal(A, e, first, record.dt) for A, e in zip(answers, gap.T, strict=True)]
     P, g = (np.array(x) for x in zip(*both, strict=True))
     return Links(names, answers, P, g, record.t, inertia, tuple(loop.joints))

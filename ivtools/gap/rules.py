@@ -112,6 +112,9 @@ OTHER_INERTIA = 3.0
 BLOCK = 0.4
 #: Seconds after the start in which the initial state still shows (training).
 TRANSIENT = 0.15
+#: The same where a load is known: the links are not where they would be (training: a jerk at the
+#: start throws them across their gaps).
+LINKED_TRANSIENT = 0.3
 #: Seconds of standing reference after which the axis may be stuck anywhere (physics).
 REST = 0.1
 #: Speed, of the largest, below which a reference stands (numerics).
@@ -154,6 +157,7 @@ BEHIND: dict[str, dict[str, tuple[float, ...]]] = {
 LINKED: dict[str, dict[str, tuple[float, ...]]] = {
     "flexibility": {"frequency_hz": (6.0, 20.0, 65.0), "load_share": (0.1, 0.35, 0.85)},
     "backlash": {
+        "gap": (1e-4, 1e-3, 1e-2),
         "contact_hz": (30.0, 120.0, 500.0),
         "load_share": (0.1, 0.35, 0.85),
         "load_friction": (0.0, 0.01, 0.1, 0.9),

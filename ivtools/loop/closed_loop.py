@@ -325,6 +325,7 @@ class ClosedLoop(Model):
         position_noise: ArrayLike | None = None,
         force_noise: ArrayLike | None = None,
         place: ArrayLike | None = None,
+        link: ArrayLike | None = None,
         quantum: float = 0.0,
         ramp: bool = False,
         stiction: bool = True,
@@ -347,6 +348,10 @@ class ClosedLoop(Model):
             Where forces and errors of the encoder that depend on the position are taken from, m or
             rad; default: the simulated position. A velocity loop holds no position, and would lose
             the phase of what repeats over it: there, give the measured one.
+        link : array_like, (n_samples, 2), optional
+            Of a model with two masses: the known load without what the link's inertia has beyond
+            its mean, N or N m, and that inertia, kg or kg m2, which turns with the pose of a robot;
+            default: the record's load, and none.
         quantum : float
             Resolution of the encoder, m or rad; 0 is none.
         ramp : bool
@@ -371,6 +376,7 @@ class ClosedLoop(Model):
 
         if record.breaks:
             noises = {"position_noise": position_noise, "force_noise": force_noise, "place": place}
+            noises |= {"link": link}
             options = {"substeps": substeps, "quantum": quantum, "ramp": ramp, "stiction": stiction}
             return over_stretches(self, record, theta, noises, initial=initial, **options)
         return simulate(
@@ -382,6 +388,7 @@ class ClosedLoop(Model):
             position_noise=position_noise,
             force_noise=force_noise,
             place=place,
+            link=link,
             quantum=quantum,
             ramp=ramp,
             stiction=stiction,

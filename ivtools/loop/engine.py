@@ -109,6 +109,7 @@ def simulate(
     position_noise: ArrayLike | None,
     force_noise: ArrayLike | None,
     place: ArrayLike | None,
+    link: ArrayLike | None,
     quantum: float,
     ramp: bool,
     stiction: bool,
@@ -134,7 +135,7 @@ def simulate(
         (at := _noise("place", place, n)),
         _noise("position_noise", position_noise, n),
         _noise("force_noise", force_noise, n),
-        _column(record.load, n) if record.load is not None else np.zeros(0),
+        *_links(loop, record, link),
         float(quantum),
         *law[1:],
         *plant(loop, values, general=ramp, stiction=stiction),
@@ -266,6 +267,15 @@ def started(q: Array, dt: float) -> Motion:
 
 def _column(signal: Array | None, n: int) -> Array:
     return np.zeros(n) if signal is None else np.ascontiguousarray(signal[:, 0])
+
+
+def _links(loop: ClosedLoop, record: Record, link: ArrayLike | None) -> tuple[Array, Array]:
+    """Return the known load, and what the second mass has more, (n_samples,) each or empty."""
+    if link is not None and any(term.name in mechanics.TWO_MASSES for term in loop.terms):
+        pull, more = np.asarray(link, dtype=float).T
+        return np.ascontiguousarray(pull), np.ascontiguousarray(more)
+    load = np.zeros(0) if record.load is None else _column(record.load, record.n_samples)
+    return load, np.zeros(0)
 
 
 def _noise(name: str, noise: ArrayLike | None, n: int) -> Array:

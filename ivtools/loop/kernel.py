@@ -15,7 +15,7 @@ from numba import boolean, float64, from_dtype, int64, types, void
 from ..compiled import cached, compiled
 from ..physics.sensor import encoder
 from .integrator import drive_delay, plan, plant_step, rigid_step
-from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW, held_link
+from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW, held_link, with_swing
 
 
 @compiled
@@ -72,6 +72,7 @@ _MATRIX = types.Array(float64, 2, "C", readonly=True)
         _VECTOR,
         _VECTOR,
         _VECTOR,
+        _VECTOR,
         float64,
         _VECTOR,
         _VECTOR,
@@ -104,6 +105,7 @@ def run(
     position_noise,
     force_noise,
     load,
+    swing,
     quantum,
     gains,
     taps,
@@ -133,7 +135,7 @@ def run(
     inputs excluded, that precede the law's own: `delay` of them, then the one before the record.
     Forces that depend on the position act at `place`, (n_samples,), if it is not empty. Of two
     masses a known `load` pulls at the second one, which begins where that holds it, and a
-    disturbance at the first.
+    disturbance at the first; the second has `swing` more inertia, if that is not empty.
     """
     samples, past = known.size, taps.size - 1
     whole, planned = drive_delay(dt, p, on)[0], plan(dt, n, p, on)
@@ -143,6 +145,9 @@ def run(
     _fill_before(seen, law, sent, past, delay, whole, first, q_start, v_start, dt, p, on)
     q, v, force, gain = q_start, v_start, p["gain"] * first[delay], p["gain"]
     x, rigid, pace, shift = (q, v, q, v, 0.0), not on["effects"], planned[1], p["shift"]
+    mean = p["load"]
+    if swing.size:
+        p["load"] = with_swing(mean, swing[0])
     if load.size and on["two"]:
         x = (q, v, held_link(q, v, a_start, load[0], p, on, user), v, 0.0)
     for k in range(samples):
@@ -170,6 +175,8 @@ def run(
             outside -= load[k]
             if on["two"]:
                 p["shift"] = shift - load[k]
+            if swing.size:
+                p["load"] = with_swing(mean, swing[k])
         p["outside"] = outside
         if rigid:
             tau = gain * sent[k + 1] + outside
