@@ -24,7 +24,7 @@ from ..loop import Simulation
 from . import spatial_lines
 from .fit import Fit, normal
 from .fold import block_t, threaded
-from .rules import DISCREPANCY_MOST, DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
+from .rules import COOLING, DISCREPANCY_MOST, DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
 from .smooth import Basis, Columns, beside, signals
 
 Array = NDArray[np.float64]
@@ -38,6 +38,7 @@ _NAMES = {
     "gain": "load times position or speed",
     "past": "the motion before",
     "heat": "how much moved before",
+    "warm": "how much moved before",
     "wave": "position (periodic)",
     "swing": "the swing of a load",
 }
@@ -125,7 +126,7 @@ class Laws:
     forces : tuple of ndarray, (n_samples, m)
         One column per hat or memory.
     place : mapping of str to ndarray
-        Columns of each of `smooth.OVER`, but waves.
+        Columns of each of `smooth.OVER` but those of a model's own.
     answers : tuple of ndarray, (n_kept, m)
         Of the whitened error.
     squares : tuple of ndarray, (m, m)
@@ -167,7 +168,7 @@ def _alike(parts: list[dict[str, Array]]) -> list[dict[str, Array]]:
     waves have their size already.
     """
     sizes: dict[str, Array] = {}
-    for name in (n for n in ("past", "heat", "swing") if n in parts[0]):
+    for name in (n for n in ("past", "heat", "warm", "swing") if n in parts[0]):
         size = np.sqrt(np.mean(np.vstack([p[name] for p in parts]) ** 2, axis=0))
         sizes[name] = np.where(size > 0.0, size, 1.0)
     return [{name: x / sizes[name] if name in sizes else x for name, x in p.items()} for p in parts]
@@ -274,6 +275,33 @@ def _swings(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[swing.Swin
     return tuple(threaded(found, fits, runs))
 
 
+def _warmth(fits: Sequence[Fit], runs: Sequence[Simulation], basis: Basis) -> tuple[Array, ...]:
+    """Return how warm friction was before each fold, as what it leaves there shows.
+
+    One that warms has a coefficient each for what the axis does and for what it had done: their
+    ratio is the warmth at the start.
+    """
+
+    def found(f: Fit, run: Simulation) -> Array:
+        """Return that of one fold, per time of cooling."""
+        e = beside(f, f.e[:, None])[:, 0]
+        cold = basis.heat(run, np.zeros(len(COOLING)))
+        before = basis.heat(run, np.ones(len(COOLING))) - cold
+        own, more = (
+            np.split(beside(f, f.fold.answers(F)), len(COOLING), 1) for F in (cold, before)
+        )
+        return np.array([_ratio(np.hstack(pair), e) for pair in zip(own, more, strict=True)])
+
+    return tuple(threaded(found, fits, runs))
+
+
+def _ratio(columns: Array, e: Array) -> float:
+    """Return by how much the second half of the columns enters for the first one, 0 to 1."""
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    one, two = np.split(normal(columns / size, e, 1e-6) / size, 2)
+    return float(np.clip(one @ two / max(float(one @ one), 1e-300), 0.0, 1.0))
+
+
 class _Step(NamedTuple):
     """What a spline over some signals does to each fold when the other one has fitted it."""
 
@@ -286,13 +314,18 @@ class _Step(NamedTuple):
 class _Search:
     """Normal equations and penalties of every column, of which steps take some.
 
-    Waves and swings are columns of a model's own: their periods are those of what it leaves.
+    Waves, swings and what was warm before are columns of a model's own: their periods and the
+    warmth at the start are those of what it leaves.
     """
 
     def __init__(self, fits: Sequence[Fit], laws: Laws) -> None:
         periods, swings = _periods(fits, laws.runs), _swings(fits, laws.runs)
         basis = replace(laws.basis, periods=periods, swings=swings)
-        parts = _alike([{"wave": basis.waves(r), "swing": basis.swinging(r)} for r in laws.runs])
+        warmth = _warmth(fits, laws.runs, basis)
+        parts = _alike([
+            {"warm": basis.heat(r, w), "wave": basis.waves(r), "swing": basis.swinging(r)}
+            for r, w in zip(laws.runs, warmth, strict=True)
+        ])  # fmt: skip
         more = [np.hstack(list(p.values())) for p in parts]
         self.place = {**laws.place, **_places(parts[0], len(laws.squares[0]))}
         self.forces = [np.hstack(pair) for pair in zip(laws.forces, more, strict=True)]

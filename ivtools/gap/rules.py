@@ -304,7 +304,7 @@ WEIGHTS = {
 }
 #: Explained share of the gap from which nothing nameless is suspected, and below which it is
 #: (training, seeds 300 to 330; EMPS has 0.9, the pendulum whose model lacks gravity 0.8).
-ENOUGH = (0.8, 0.7)
+ENOUGH = (0.9, 0.7)
 #: Ends of the scales of evidence: least gain and share, most disagreement, least evenness: beyond
 #: them nothing more is said by more (training).
 LEAST_EVIDENCE, MOST_DISAGREEMENT, LEAST_EVENNESS = 1e-3, 4.0, 0.03

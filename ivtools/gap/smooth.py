@@ -34,9 +34,10 @@ from .rules import (
 Array = NDArray[np.float64]
 
 #: What a force may depend on: "state" is position and speed together, "gain" load times position
-#: or speed, "past" the motion before, "heat" friction by how much moved before, "wave" friction
-#: that is periodic over position, "swing" what a load does that hangs from the axis.
-OVER = ("q", "dq", "load", "state", "gain", "past", "heat", "wave", "swing")
+#: or speed, "past" the motion before, "heat" friction by how much moved before, "warm" the same
+#: where it had moved before the record as well, "wave" friction that is periodic over position,
+#: "swing" what a load does that hangs from the axis.
+OVER = ("q", "dq", "load", "state", "gain", "past", "heat", "warm", "wave", "swing")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,22 +94,39 @@ class Basis:
         return np.hstack([hats, hats * np.sign(signed["dq"])[:, None]])
 
     def parts(self, run: Simulation) -> dict[str, Array]:
-        """Return forces over each of `OVER` but waves and swings, (n_samples, m).
+        """Return forces over each of `OVER` but those of a model's own, (n_samples, m).
 
         Their units are the basis's, not the run's: a coefficient is the same on every fold.
         """
         q, dq, tau = (s[0][:, 0] for s in signals([run]))
         sign, dt = np.sign(dq), float(run.t[1] - run.t[0])
-        v = dq / max(float(self.knots["dq"][-1]), 1e-300)
         found = {n: self.over(n, run) for n in ("q", "dq", "load")}
         where, fast = self.hats("where", q), self.hats("how fast", np.abs(dq))
         both = (where[:, :, None] * fast[:, None, :]).reshape(len(q), -1)
         found["state"] = np.hstack([both, both * sign[:, None]])
         load = tau / max(float(self.knots["load"][-1]), 1e-300)
         found["gain"] = np.hstack([where, fast]) * load[:, None]
-        found["past"] = _past(v, dt)
-        found["heat"] = _heat(v, dt)
+        found["past"] = _past(self._speed(run), dt)
+        found["heat"] = self.heat(run, np.zeros(len(COOLING)))
         return found
+
+    def heat(self, run: Simulation, start: Array) -> Array:
+        """Return dry and viscous friction by how much the axis moved of late, (n_samples, m).
+
+        Parameters
+        ----------
+        run : Simulation
+        start : ndarray, (n_times,)
+            How warm it was before, per time of `COOLING`: 1 is after the largest speed for long.
+        """
+        v, dt = self._speed(run), float(run.t[1] - run.t[0])
+        pairs = zip(COOLING, start, strict=True)
+        warm = [_leaky(np.abs(v), seconds, dt, before) for seconds, before in pairs]
+        return np.column_stack([w * x for w in warm for x in (np.sign(v), v)])
+
+    def _speed(self, run: Simulation) -> Array:
+        """Return the velocity, of the largest speed, (n_samples,)."""
+        return np.asarray(run.dq[:, 0] / max(float(self.knots["dq"][-1]), 1e-300))
 
     def waves(self, run: Simulation) -> Array:
         """Return dry and viscous friction that is periodic over position, (n_samples, m)."""
@@ -165,10 +183,10 @@ def signals(runs: Sequence[Simulation]) -> tuple[list[Array], ...]:
     return [r.q for r in runs], [r.dq for r in runs], [r.tau for r in runs]
 
 
-def _leaky(x: Array, seconds: float, dt: float) -> Array:
-    """Return a signal that is forgotten: a first-order lag."""
+def _leaky(x: Array, seconds: float, dt: float, start: float = 0.0) -> Array:
+    """Return a signal that is forgotten: a first-order lag, and what it was before."""
     a = float(np.exp(-dt / seconds))
-    return np.asarray(signal.lfilter([1.0 - a], [1.0, -a], x))
+    return np.asarray(signal.lfilter([1.0 - a], [1.0, -a], x, zi=[a * start])[0])
 
 
 def _past(v: Array, dt: float) -> Array:
@@ -179,12 +197,6 @@ def _past(v: Array, dt: float) -> Array:
         y = signal.lfilter([1.0 - abs(p)], [1.0, -p], v)
         found += [y.real, y.imag]
     return np.column_stack(found)
-
-
-def _heat(v: Array, dt: float) -> Array:
-    """Return dry and viscous friction by how much the axis moved of late."""
-    warm = [_leaky(np.abs(v), seconds, dt) for seconds in COOLING]
-    return np.column_stack([w * x for w in warm for x in (np.sign(v), v)])
 
 
 class Columns:
