@@ -8,7 +8,7 @@ import pytest
 
 import ivtools as iv
 from ivtools.cli import run
-from ivtools.gap import parity, preflight
+from ivtools.gap import parity, plausible, preflight
 from ivtools.loop import Controller
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -252,8 +252,8 @@ def test_two_records_of_one_axis_are_a_pair(emps, emps_pulses):
 
 @pytest.mark.parametrize("unit", ["mm", "µm", "cm", "inches"])
 def test_a_hint_knows_the_unit(unit):
-    factor = 1.0 / preflight._UNITS["prismatic"][unit]
-    assert f"in {unit}" in preflight.looks_like(1.05 * factor, "prismatic", "q")
+    factor = 1.0 / plausible._UNITS["prismatic"][unit]
+    assert f"in {unit}" in plausible.looks_like(1.05 * factor, "prismatic", "q")
 
 
 # -- a controller that is to be identified ---------------------------------------------------------

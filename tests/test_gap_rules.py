@@ -4,7 +4,7 @@ import pytest
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap.attribute import Evidence, probability
+from ivtools.gap.evidence import Evidence, probability
 from ivtools.gap.rules import Rules
 from ivtools.physics import EFFECTS
 

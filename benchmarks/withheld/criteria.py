@@ -116,7 +116,7 @@ def observed(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
 
 def _attempt(found: Any, nameless: list[float]) -> dict[str, Any]:
     """Return what a selection showed: its rounds, and names against a force without one."""
-    from ivtools.gap.attribute import cost, evidence
+    from ivtools.gap.evidence import cost, evidence
 
     best = {r.best.name: (r, r.best) for r in found.rounds if r.best is not None}
     proofs = {

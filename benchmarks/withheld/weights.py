@@ -60,7 +60,7 @@ def candidates(task: Task) -> list[dict[str, Any]]:
 
 
 def _rows(task: Task, found: Any) -> Iterator[dict[str, Any]]:
-    from ivtools.gap.attribute import cost, evidence
+    from ivtools.gap.evidence import cost, evidence
 
     for r in found.rounds:
         if not r.trials:
@@ -78,7 +78,7 @@ def fit(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Return the weights of a logistic regression with a small ridge."""
     from scipy.optimize import minimize
 
-    from ivtools.gap.attribute import Evidence, features
+    from ivtools.gap.evidence import Evidence, features
 
     names = list(features(Evidence(0.1, 10.0, 1.0, 0.0, 0.1, 1.0)))
     X = np.array([[features(_evidence(r))[n] for n in names] for r in rows])
@@ -97,7 +97,7 @@ def fit(rows: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def _evidence(row: dict[str, Any]) -> Any:
-    from ivtools.gap.attribute import Evidence
+    from ivtools.gap.evidence import Evidence
 
     return Evidence(**{n: row[n] for n in Evidence.__dataclass_fields__})
 

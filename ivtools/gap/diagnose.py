@@ -12,35 +12,40 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ..errors import EstimationError, IVToolsError, RecordError
+from ..errors import IVToolsError, RecordError
 from ..loop import ClosedLoop
-from ..loop.rough_inertia import rough_inertia
 from ..physics import Term
 from ..record import Record
 from ..simulators.protocol import Simulator
 from ..workers import share_heap
-from . import advice, discrepancy, floor, locate, parity, preflight, quantify, response, verdict
+from . import (
+    advice,
+    discrepancy,
+    floor,
+    locate,
+    parity,
+    preflight,
+    pull,
+    quantify,
+    verdict,
+)
 from .against import against
-from .attribute import Attribution, attribute, cost, probability, upheld
+from .attribute import Attribution, attribute, upheld
 from .confirm import confirm, run
 from .diagnosis import Diagnosis
-from .fit import Fit, gauss_newton, start, steps
-from .floor import Measured
-from .fold import Doubt, Fold, Side, threaded, usable
+from .evidence import cost, probability
+from .fit import Fit, gauss_newton, steps
+from .fold import Doubt, Fold, threaded
 from .hanging import hanging
-from .library import Scales
+from .measured import Measured, Ready, folds, masked, measure, prepared
 from .parity import Parity
+from .preflight import Finding
 from .rules import (
-    AGAIN,
     AT_CONTROLLER,
-    BEYOND,
-    COMMON,
     DESCRIBED,
     OVER_FLOOR,
-    PARITY_POOR,
     REPEATS,
     SATURATED,
-    STRETCHES,
     TOLERANCE,
     Rules,
 )
@@ -188,19 +193,19 @@ def _mute(text: str) -> None:
     """Show no progress."""
 
 
-def _followed(task: _Task) -> tuple[_Task, ClosedLoop, list[preflight.Finding]]:
+def _followed(task: _Task) -> tuple[_Task, ClosedLoop, list[Finding]]:
     """Return the task with positions to follow, the loop that follows them, and what to say."""
     known = task.loop.known(task.record)
-    record, note = preflight.followed(task.record, known)
+    record, note = pull.followed(task.record, known)
 
     def other(one: Record | None) -> Record | None:
-        return None if one is None else preflight.followed(one, known)[0]
+        return None if one is None else pull.followed(one, known)[0]
 
     task = task._replace(record=record, holdout=other(task.holdout), judge=other(task.judge))
     return task, known, note
 
 
-def _bounded(task: _Task, samples: int) -> tuple[_Task, list[preflight.Finding]]:
+def _bounded(task: _Task, samples: int) -> tuple[_Task, list[Finding]]:
     """Return the task with one stretch of each record, not too long, and what to say of that."""
     told = []
     for name in ("record", "holdout", "judge"):
@@ -219,7 +224,7 @@ def _bounded(task: _Task, samples: int) -> tuple[_Task, list[preflight.Finding]]
                 f"it moves most, from {part.t[0]:.6g} to {part.t[-1]:.6g} s, are diagnosed"
             )
         task = task._replace(**{name: part})
-    return task, [preflight.Finding(line, fatal=False) for line in told]
+    return task, [Finding(line, fatal=False) for line in told]
 
 
 def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
@@ -227,10 +232,10 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
         preflight.require(one)
     say("controller parity")
     task, parts = _bounded(task, rules.samples)
-    if preflight.lawless(task.record, task.loop):
+    if pull.lawless(task.record, task.loop):
         text = "no reference is in the record, so no control law can be read from it; for the "
         remedy = 'force over the motion alone write [controller] kind = "none"'
-        return _refused(task.record, task.loop, (), [preflight.Finding(text + remedy), *parts])
+        return _refused(task.record, task.loop, (), [Finding(text + remedy), *parts])
     law = preflight.identified(task.record, task.loop)
     task, loop, note = _followed(task)
     record, holdout, law = task.record, task.holdout, [*law, *note, *parts]
@@ -243,14 +248,14 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
     try:
         doubts = [*task.doubts, *[None] * 3]
         ready = [
-            _ready(r, p, records)._replace(doubt=d)
+            prepared(r, p, records)._replace(doubt=d)
             for r, p, d in zip(records, checked, doubts, strict=False)
         ]
         third = None if task.judge is None else _judging(task.judge, loop, records, doubts[2])
         loop = _alike(preflight.told_apart(records, loop), ready[0])
         measured = _confirmed(loop, _measured(ready))
     except IVToolsError as error:
-        return _refused(record, loop, checked, [*found, preflight.Finding(str(error)), *law])
+        return _refused(record, loop, checked, [*found, Finding(str(error)), *law])
     if holdout is not None:
         found += preflight.same_axis([m.base for m in measured])
         level = floor.between(*(m.base for m in measured))
@@ -267,7 +272,7 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
 
 def _inspected(
     records: Sequence[Record], loop: ClosedLoop, checked: Sequence[Parity]
-) -> list[preflight.Finding]:
+) -> list[Finding]:
     """Return what is wrong with the records, or worth a word, by the record's name."""
     seen = [preflight.inspect(r, loop, p) for r, p in zip(records, checked, strict=True)]
     if len(records) == 1:
@@ -276,47 +281,21 @@ def _inspected(
     return [*named[0], *named[1], *preflight.overlap(*records)]
 
 
-class _Ready(NamedTuple):
-    """A record and the loop that its reference drives, what its controller shows, and its place."""
-
-    record: Record
-    loop: ClosedLoop
-    parity: Parity
-    place: Array | None = None
-    driven: bool = False  # by the recorded command
-    ramp: bool = False
-    doubt: Doubt | None = None
-
-
-def _ready(record: Record, checked: Parity, records: Sequence[Record]) -> _Ready:
-    """Return a record with a model that the records can tell apart, in a loop that stays there.
-
-    A command that the law gives exactly is held between the samples; one that follows it by some
-    per cent was measured, as a current is, and goes straight from one to the next.
-    """
-    loop = preflight.told_apart(records, checked.loop)
-    place = record.q[:, 0] if preflight.adrift(loop) else None
-    if not preflight.rings(record, loop):
-        return _Ready(record, loop, checked, place)
-    ramp = checked.after > PARITY_POOR
-    return _Ready(*preflight.pulled(record, loop), checked, place, True, ramp)
-
-
 def _judging(
     judge: Record, loop: ClosedLoop, records: Sequence[Record], doubt: Doubt | None
 ) -> Measured:
     """Return the record that takes part in nothing, measured as the others are."""
-    ready = _ready(judge, parity.check(judge, loop), records)
-    return _measure(ready._replace(doubt=doubt))
+    ready = prepared(judge, parity.check(judge, loop), records)
+    return measure(ready._replace(doubt=doubt))
 
 
-def _alike(loop: ClosedLoop, one: _Ready) -> ClosedLoop:
+def _alike(loop: ClosedLoop, one: Ready) -> ClosedLoop:
     """Return the declared loop as it can be compared with a record's: pulled, where that is."""
     return loop if not one.driven else replace(loop, controller=one.loop.controller)
 
 
-def _measured(ready: Sequence[_Ready]) -> tuple[Measured, ...]:
-    return tuple(threaded(_measure, ready))
+def _measured(ready: Sequence[Ready]) -> tuple[Measured, ...]:
+    return tuple(threaded(measure, ready))
 
 
 def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measured, ...]:
@@ -334,8 +313,8 @@ def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measur
         ):
             plain = replace(m.base.loop, controller=replace(loop.controller, delay=p.delay))
             p = replace(p, loop=plain, mismatch={}, tvalues={}, after=p.before, taken=False)
-            again = _Ready(_as_recorded(m), plain, p, m.fold.place, doubt=m.fold.doubt)
-            m = _measure(again)
+            again = Ready(_as_recorded(m), plain, p, m.fold.place, doubt=m.fold.doubt)
+            m = measure(again)
         kept.append(m)
     return tuple(kept)
 
@@ -354,7 +333,7 @@ def _answer(
     result: Attribution,
     fold: Fold,
     rules: Rules,
-    found: list[preflight.Finding],
+    found: list[Finding],
 ) -> Diagnosis:
     """Put the diagnosis together."""
     checked, held_out = tuple(m.parity for m in measured), task.holdout is not None
@@ -416,7 +395,7 @@ class _Lowered(NamedTuple):
     result: Attribution
     shrink: quantify.Shrink
     traces: quantify.Traces
-    said: tuple[preflight.Finding, ...] = ()
+    said: tuple[Finding, ...] = ()
 
 
 def _lowered(
@@ -441,7 +420,7 @@ def _lowered(
 
 def _whole(m: Measured, result: Attribution) -> Fit:
     """Return the final model, fitted to all that counts of the first record."""
-    fit, fold = result.fits[0], _masked(m).fold
+    fit, fold = result.fits[0], masked(m).fold
     step = steps(fold, fit.loop, m.side.scales)
     return gauss_newton(fold, fit.loop, fit.values, fit.free, step)
 
@@ -453,116 +432,18 @@ def _attributed(
 
     Returns the fold on which the gap is quantified as well.
     """
-    sides, base = _sides(measured)
+    sides, base = folds(measured)
     result = attribute(sides, base, rules, extra, without)
     if not result.named and any(m.floor.isolated for m in measured):
-        measured, whole = tuple(_masked(m) for m in measured), (sides, base)
-        sides, base = _sides(measured)
+        measured, whole = tuple(masked(m) for m in measured), (sides, base)
+        sides, base = folds(measured)
         again = upheld(*whole, attribute(sides, base, rules, extra, without))
         result = replace(again, supposed=again.supposed or result.supposed)
     return (measured if len(measured) == 2 else sides)[-1].fold, result
 
 
-def _masked(m: Measured) -> Measured:
-    """Return a record without the stretches that stand out."""
-    return _kept(m, ~m.floor.event_mask) if m.floor.isolated else m
-
-
-def _within(m: Measured, other: Measured) -> Measured:
-    """Leave out positions where the other record has not been, and times that it has not seen.
-
-    What a law does there, the other record cannot say: a parabola that fits a stroke goes far
-    astray beyond it, and an effect that is there would not replicate.
-    """
-    inside = np.ones(m.fold.record.n_samples, dtype=bool)
-    for signal in (lambda r: r.q[:, 0], lambda r: r.t - r.t[0]):
-        here, seen = (signal(x.fold.record) for x in (m, other))
-        margin = BEYOND * float(np.ptp(seen))
-        inside &= (here >= np.min(seen) - margin) & (here <= np.max(seen) + margin)
-    kept = float(np.mean(inside[m.side.fold.keep]))
-    return _kept(m, inside) if COMMON < kept < 1.0 else m
-
-
-def _kept(m: Measured, rows: NDArray[np.bool_]) -> Measured:
-    """Return a record judged on some of its samples."""
-    fold = m.side.fold.only(rows, m.side.fold.label)
-    step = steps(fold, m.base.loop, m.side.scales)
-    fit = gauss_newton(fold, m.base.loop, m.base.values, m.base.free, step, AGAIN)
-    return replace(m, side=replace(m.side, fold=fold), base=fit)
-
-
-def _measure(ready: _Ready) -> Measured:
-    """Fit the base model, and learn the floor."""
-    record, loop, checked, place, driven, ramp, doubt = ready
-    if not driven and record.added is not None and "added" in checked.mismatch:
-        record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
-    scales = Scales(record, loop)
-    values = start(Fold(record, usable(record, loop)), loop)
-    if not values.get("inertia", 1.0) > 0.0:  # a pendulum or a spring that the model lacks
-        values = {**values, "inertia": rough_inertia(loop, record)}
-    heard = response.measure(loop, record, values)
-    fold = Fold(record, usable(record, loop), np.ones(1), heard, record.name, place, ramp)
-    step = steps(fold, loop, scales)
-    free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
-    fit = gauss_newton(fold, loop, values, free, step)
-    left = fold.force_error(loop, fit.values)
-    if not np.isfinite(left).all():  # what the model lacks has bent the start
-        values = {**values, "inertia": rough_inertia(loop, record)}
-        fit = gauss_newton(fold, loop, values, free, step)
-        left = fold.force_error(loop, fit.values)
-    if not np.isfinite(left).all():
-        raise EstimationError(
-            f"the loop is unstable when simulated with what {record.name} shows (inertia "
-            f"{values['inertia']:.3g}): check the gains, units and delay of the controller, and "
-            "[drive] gain; a force of the position that the model lacks (spring, gravity) may be "
-            "added to [model] terms"
-        )
-    level = floor.measure(fit, heard, left)
-    smooth = level.generic if doubt is None else 1.0  # what is not known counts as noise
-    fold = replace(fold, whitener=level.whitener, doubt=doubt, smooth=smooth)
-    fit = gauss_newton(fold, loop, fit.values, free, step)
-    rough = float(np.mean(level.event_mask))
-    return Measured(Side(fold, heard, scales, rough), fit, level, checked, driven)
-
-
-def _sides(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit, ...]]:
-    """Return two folds: two records where both have been, or alternating stretches of one."""
-    if len(measured) == 2:
-        one, two = measured
-        both = (_within(one, two), _within(two, one))
-        return tuple(m.side for m in both), tuple(m.base for m in both)
-    (only,) = measured
-    fold = only.side.fold
-    first = _first_half(fold.record)
-    sides, fits = [], []
-    for label, half_keep in (("part 1", first), ("part 2", ~first)):
-        half = fold.only(half_keep, label)
-        side = replace(only.side, fold=half)
-        step = steps(half, only.base.loop, side.scales)
-        sides.append(side)
-        fits.append(
-            gauss_newton(half, only.base.loop, only.base.values, only.base.free, step, AGAIN)
-        )
-    return tuple(sides), tuple(fits)
-
-
-def _first_half(record: Record) -> NDArray[np.bool_]:
-    """Return alternating stretches that move as the others do: speed, direction, acceleration."""
-    assert record.q_ref is not None
-    n = record.n_samples
-    q = record.q_ref[:, 0] - record.q_ref.mean()
-    dq = np.gradient(q)
-    ddq = np.gradient(dq)
-    looks = np.column_stack([np.sign(dq), dq, np.abs(dq), np.abs(ddq), q, q * np.sign(dq)])
-    looks = looks / np.maximum(np.std(looks, axis=0), 1e-300)
-    halves = [np.arange(n) * k // n % 2 == 0 for k in STRETCHES]
-    return min(
-        halves, key=lambda h: float(np.sum((looks[h].mean(axis=0) - looks[~h].mean(axis=0)) ** 2))
-    )
-
-
 def _refused(
-    record: Record, loop: ClosedLoop, checked: tuple[Parity, ...], found: list[preflight.Finding]
+    record: Record, loop: ClosedLoop, checked: tuple[Parity, ...], found: list[Finding]
 ) -> Diagnosis:
     """Report what is wrong with the input instead of naming an effect simulated.
 
@@ -571,7 +452,7 @@ def _refused(
     controller = any(not p.trustworthy for p in checked)
     own = hanging(record, loop) if controller or not checked else None
     if own is not None:
-        found = [*found, preflight.Finding(own.text, fatal=False)]
+        found = [*found, Finding(own.text, fatal=False)]
         loop = loop.with_terms(*(t.name for t in loop.terms), "gravity")
     return Diagnosis(
         verdict="unexplained" if own is None else "partial",

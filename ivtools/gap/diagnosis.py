@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from ..loop import ClosedLoop
 from ..tables import Text, table
 from ..units import quantity
-from .attribute import Evidence, Supposed
+from .attribute import Supposed
 from .discrepancy import Discrepancy
+from .evidence import Evidence
 from .fit import Fit
 from .floor import Floor
 from .locate import Region

@@ -21,8 +21,7 @@ from ..physics import EFFECTS
 from ..record import Record
 from . import spatial_lines
 from .fit import Fit
-from .fold import Fold, Side
-from .parity import Parity
+from .fold import Fold
 from .response import Response, features, waves
 from .rules import (
     ANOTHER,
@@ -97,33 +96,6 @@ class Floor:
         """Whether few stretches stand out: events, not a way of the model to be wrong."""
         share = float(np.mean(self.event_mask))
         return 0 < len(self.events) <= FEW_EVENTS and share < EVENT_TIME
-
-
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """A record with its base model and floor, ready to be judged.
-
-    Parameters
-    ----------
-    side : Side
-    base : Fit
-        The model without effects.
-    floor : Floor
-    parity : Parity
-    driven : bool
-        Whether the recorded command drives the model, and no controller of it counts.
-    """
-
-    side: Side
-    base: Fit
-    floor: Floor
-    parity: Parity
-    driven: bool = False
-
-    @property
-    def fold(self) -> Fold:
-        """What is compared of the record."""
-        return self.side.fold
 
 
 def measure(fit: Fit, response: Response, raw: Array) -> Floor:

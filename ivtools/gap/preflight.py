@@ -13,17 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..errors import IVToolsError, RecordError
+from ..errors import RecordError
 from ..loop import ClosedLoop, Controller
-from ..loop.bandwidth import margin_deg
-from ..loop.observer import driven_by
-from ..loop.rough_inertia import beside_position, shown_inertia
+from ..loop.rough_inertia import shown_inertia
 from ..record import Record
 from .fit import Fit
 from .fold import usable
-from .parity import Parity, Signals
+from .parity import Parity
+from .plausible import looks_like, wrong_unit
 from .rules import (
-    ABSURD,
     ALONG,
     FOLLOWS,
     GROSS_GAIN,
@@ -33,32 +31,20 @@ from .rules import (
     LIMIT_SAMPLES,
     LOOK_WIDTH,
     LOOKS,
-    MARGIN,
     MOVING,
     ONE_WAY,
     OPEN_LOOP,
-    OPPOSITE,
     OTHER_INERTIA,
     OVER_LIMIT,
     OVERLAP,
     PARITY_POOR,
-    PULL_HZ,
-    PULL_RATE,
     SAME_AXIS,
     SAME_RECORD,
     SATURATED,
-    UNIT_NEAR,
-    UNIT_R2,
-    UNIT_SAMPLES,
     WRONG_UNIT,
 )
 
 Array = NDArray[np.float64]
-
-_UNITS = {
-    "prismatic": {"mm": 1e3, "µm": 1e6, "cm": 100.0, "inches": 39.37},
-    "revolute": {"degrees": 180.0 / np.pi, "turns": 0.5 / np.pi, "mrad": 1e3},
-}
 
 
 @dataclass(frozen=True)
@@ -103,78 +89,6 @@ def require(record: Record) -> None:
         raise RecordError(
             f"{record.name} has {record.n_joints} joints; a diagnosis takes one at a time"
         )
-
-
-def followed(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
-    """Return a record with a position to follow, and what to say of it.
-
-    A velocity loop's is the integral of its reference; without a controller it is the motion.
-
-    Raises
-    ------
-    RecordError
-        If the law follows a position and the record has none.
-    """
-    if loop.controller.kind == "none":
-        text = (
-            "no controller: the model is driven by the recorded command and pulled to the measured "
-            "motion, softly; the gap is the force of the pull"
-        )
-        return record.replace(q_ref=record.q), [Finding(text, fatal=False)]
-    if record.q_ref is not None:
-        return record, []
-    if loop.controller.needs_position or record.dq_ref is None:
-        raise RecordError(f"{record.name} has no q_ref; the simulated loop is driven by it")
-    q_ref = record.q[0] + np.cumsum(record.dq_ref, axis=0) * record.dt
-    return record.replace(q_ref=q_ref), []
-
-
-def adrift(loop: ClosedLoop) -> bool:
-    """Whether nothing in a loop holds its position: a velocity loop, or none.
-
-    Simulated by itself it drifts away, and loses the phase of whatever repeats over the position
-    within some periods.
-    """
-    return loop.controller.kind in ("none", "p-velocity", "pi-velocity")
-
-
-def rings(record: Record, loop: ClosedLoop) -> bool:
-    """Whether a velocity loop hardly has a phase margin, so that none but the axis itself follows.
-
-    What little the model, or the timing of the log, is wrong by rings on and covers the gap.
-    """
-    if not adrift(loop) or loop.controller.kind == "none":
-        return loop.controller.kind == "none"
-    own = loop.controller.known(record)
-    inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
-    margin = margin_deg(replace(loop, controller=own), inertia, 0.0, record.dt)
-    return bool(margin < MARGIN)
-
-
-def pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
-    """Return a record driven by its own command, and the loop that is pulled to its motion.
-
-    What the pull has to give is the force that the model lacks.
-    """
-    inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
-    hz = _pull_hz(record, loop, inertia)
-    unit = inertia * 2.0 * np.pi * hz / loop.gain
-    pull = Controller("pd", {"kp": unit * 2.0 * np.pi * hz, "kd": 1.4 * unit})
-    driven = driven_by(loop.command(record), record.q, record)  # smoothed, it would pull by itself
-    return driven, replace(loop, controller=pull)
-
-
-def _pull_hz(record: Record, loop: ClosedLoop, inertia: float) -> float:
-    """Return the natural frequency of the pull, Hz: that of a velocity loop's own."""
-    own = loop.controller.settings.get("kv")
-    hz = PULL_HZ if own is None else abs(loop.gain * own) / inertia / (2.0 * np.pi)
-    return float(min(hz, PULL_RATE * record.sampling_hz))
-
-
-def lawless(record: Record, loop: ClosedLoop) -> bool:
-    """Whether a law is to be read from a record without any reference."""
-    unknown = loop.controller.kind == "identify"
-    return unknown and record.q_ref is None and record.dq_ref is None
 
 
 def identified(record: Record, loop: ClosedLoop) -> list[Finding]:
@@ -295,7 +209,7 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > GROSS_GAIN}
     if parity.trustworthy and not gross and not parity.taken:
         return []
-    unit = "; ".join(checks.doubts(record)) or _unit(record, loop, parity)
+    unit = "; ".join(checks.doubts(record)) or wrong_unit(record, loop, parity)
     if unit:
         return [Finding(unit)]
     on = "the diagnosis goes on with the record's; correct [controller]"
@@ -321,27 +235,6 @@ def _changes(controller: Controller, mismatch: Mapping[str, float]) -> str:
 
 def _remains(parity: Parity) -> str:
     return "".join(f"; {text}" for text in parity.read.remains) if parity.read else ""
-
-
-def _unit(record: Record, loop: ClosedLoop, parity: Parity) -> str:
-    """Say which unit or sign the command has, if it is the declared law times a factor."""
-    factor, rest = _factor(record, loop, parity.delay)
-    if rest**2 > 1.0 - UNIT_R2:
-        return ""
-    if factor < 0.0:
-        text = "the recorded command has the opposite sign of what the controller gives"
-        return f"{text}; check the sign of nu, or of q and q_ref"
-    guess = looks_like(factor, loop.joint, "q and q_ref") if factor < 1.0 else ""
-    if abs(factor / 1000.0 - 1.0) < UNIT_NEAR:
-        guess = "as if nu were in mV; give V"
-    absurd = not 1.0 / ABSURD < factor < ABSURD
-    if not guess and not absurd:
-        return ""
-    guess = f"{guess}, else " if guess else ""
-    return (
-        f"the recorded command is {factor:.3g} times what the controller gives for the recorded "
-        f"position: {guess}check the units of q, q_ref and nu, and the gains in [controller]"
-    )
 
 
 def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
@@ -401,6 +294,28 @@ def same_axis(bases: Sequence[Fit]) -> list[Finding]:
     ]
 
 
+def explain_command(parity: Parity) -> str:
+    """Say that no law gives the recorded command, and which were tried."""
+    tried = ""
+    if parity.read is not None:
+        best = sorted(parity.read.kinds.items(), key=lambda kind: -kind[1])
+        listed = ", ".join(f"{kind} {r2:.2f}" for kind, r2 in best)
+        tried = f"; no kind of law explains it either, R2: {listed}{_remains(parity)}; matrices of "
+        tried += "a state-space law are not looked for: state them if it is one"
+    left = 100.0 * parity.after
+    return (
+        f"the control law does not give the recorded command: it differs by {left:.0f} % of it; "
+        "check kind, gains and velocity_filter in [controller], that q, q_ref and nu belong "
+        f"together, and whether every signal that the controller uses is in the log{tried}"
+    )
+
+
+def described(controller: Controller) -> str:
+    """Return kind and gains as text."""
+    gains = ", ".join(f"{k} = {v:.4g}" for k, v in controller.settings.items())
+    return f"kind {controller.kind}, {gains}"
+
+
 def _shared(record: Record, holdout: Record) -> float:
     """Return the share of the moving stretches of either record that the other one holds."""
     one, two = (_columns(r) for r in (record, holdout))
@@ -430,121 +345,3 @@ def _holds(x: Array, part: Array) -> bool:
     width = len(part)
     at = np.flatnonzero((x[: len(x) - width + 1] == part[0]).all(axis=1))
     return any(np.array_equal(x[i : i + width], part) for i in at)
-
-
-def looks_like(factor: float, joint: str, signal: str) -> str:
-    """Say which unit a factor looks like: 0.001 of what should be is a signal in mm.
-
-    Examples
-    --------
-    >>> looks_like(0.00101, "prismatic", "q")
-    'as if q were in mm; give m'
-    >>> looks_like(0.0175, "revolute", "q and q_ref")
-    'as if q and q_ref were in degrees; give rad'
-    >>> looks_like(1.7, "prismatic", "q")
-    ''
-    """
-    unit = "m" if joint == "prismatic" else "rad"
-    for name, times in _UNITS[joint].items():
-        if abs(factor * times - 1.0) < UNIT_NEAR:
-            return f"as if {signal} were in {name}; give {unit}"
-    return ""
-
-
-def explain_command(parity: Parity) -> str:
-    """Say that no law gives the recorded command, and which were tried."""
-    tried = ""
-    if parity.read is not None:
-        best = sorted(parity.read.kinds.items(), key=lambda kind: -kind[1])
-        listed = ", ".join(f"{kind} {r2:.2f}" for kind, r2 in best)
-        tried = f"; no kind of law explains it either, R2: {listed}{_remains(parity)}; matrices of "
-        tried += "a state-space law are not looked for: state them if it is one"
-    left = 100.0 * parity.after
-    return (
-        f"the control law does not give the recorded command: it differs by {left:.0f} % of it; "
-        "check kind, gains and velocity_filter in [controller], that q, q_ref and nu belong "
-        f"together, and whether every signal that the controller uses is in the log{tried}"
-    )
-
-
-def _factor(record: Record, loop: ClosedLoop, delay: int) -> tuple[float, float]:
-    """Return the recorded command per command of the declared law, and what that leaves."""
-    signals = Signals(record, loop)
-    nu = signals.command[delay:]
-    columns = [signals.fed(loop.controller)[: len(nu)], np.ones(len(nu))]
-    if signals.added.any():
-        columns.append(signals.added[delay:])
-    X = np.column_stack(columns)
-    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    whole = max(float(np.linalg.norm(nu)), 1e-300)
-    weights = np.linalg.lstsq(X / size, nu, rcond=None)[0] / size
-    return float(weights[0]), float(np.linalg.norm(nu - X @ weights)) / whole
-
-
-def described(controller: Controller) -> str:
-    """Return kind and gains as text."""
-    gains = ", ".join(f"{k} = {v:.4g}" for k, v in controller.settings.items())
-    return f"kind {controller.kind}, {gains}"
-
-
-def doubts(record: Record, loop: ClosedLoop) -> tuple[str, ...]:
-    """Return what is absurd about a record on this axis, one line each.
-
-    The control law of the axis file, fed with the recorded positions, is compared with the
-    recorded command: a position in millimetres makes it a thousand times too large. What depends
-    on the position is left out of both, for a compensation of gravity may be all of the command.
-
-    Parameters
-    ----------
-    record : Record
-    loop : ClosedLoop
-
-    Examples
-    --------
-    >>> import ivtools as iv
-    >>> record, loop = iv.datasets.twin(), iv.axes.emps()
-    >>> doubts(record, loop)
-    ()
-    >>> "1e+03 times" in doubts(record.replace(q=1e3 * record.q, q_ref=1e3 * record.q_ref), loop)[0]
-    True
-    """
-    commands = _commands(record, loop)
-    if commands is None:
-        return ()
-    expected, recorded = commands
-    ratio = float(np.std(expected) / np.std(recorded))
-    units = "m? mm?" if loop.joint == "prismatic" else "rad? degrees?"
-    if not 1.0 / ABSURD < ratio < ABSURD:
-        return (
-            f"the controller of the axis file would command {ratio:.2g} times what was recorded; "
-            f"check the units of q ({units}) and of the command, and the gains",
-        )
-    if np.corrcoef(expected, recorded)[0, 1] < OPPOSITE:
-        return (
-            "the recorded command has the opposite sign of the axis file's controller; check the "
-            "sign of the command and of the position",
-        )
-    return ()
-
-
-def _commands(record: Record, loop: ClosedLoop) -> tuple[Array, Array] | None:
-    """Return the command by the control law and the recorded one, (n,) each; None without."""
-    if record.n_joints != 1:
-        return None
-    try:
-        if record.n_samples > UNIT_SAMPLES:
-            record = record.slice(0, UNIT_SAMPLES)
-        signals = Signals(record, loop)
-        with np.errstate(over="ignore", invalid="ignore"):
-            expected = signals.fed(loop.controller)
-    except IVToolsError:  # a law that is still to be identified, a signal that is missing or dead
-        return None
-    delay = loop.controller.delay
-    expected = expected[: len(expected) - delay]
-    recorded = (signals.command - signals.added)[delay:]
-    usable = np.isfinite(expected).all() and np.ptp(recorded) > 0.0 and np.ptp(expected) > 0.0
-    if not usable:
-        return None
-    commands = np.column_stack([expected, recorded])
-    left = beside_position(commands, record.q[delay:, 0], loop.joint)
-    return (left[:, 0], left[:, 1]) if np.ptp(left, axis=0).all() else None

@@ -1,0 +1,175 @@
+"""Measured: a record with its base model and floor, as it is judged, whole or in folds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import EstimationError
+from ..loop import ClosedLoop
+from ..loop.rough_inertia import rough_inertia
+from ..record import Record
+from . import floor, preflight, pull, response
+from .fit import Fit, gauss_newton, start, steps
+from .floor import Floor
+from .fold import Doubt, Fold, Side, usable
+from .library import Scales
+from .parity import Parity
+from .rules import AGAIN, BEYOND, COMMON, PARITY_POOR, STRETCHES
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A record with its base model and floor, ready to be judged.
+
+    Parameters
+    ----------
+    side : Side
+    base : Fit
+        The model without effects.
+    floor : Floor
+    parity : Parity
+    driven : bool
+        Whether the recorded command drives the model, and no controller of it counts.
+    """
+
+    side: Side
+    base: Fit
+    floor: Floor
+    parity: Parity
+    driven: bool = False
+
+    @property
+    def fold(self) -> Fold:
+        """What is compared of the record."""
+        return self.side.fold
+
+
+class Ready(NamedTuple):
+    """A record and the loop that its reference drives, what its controller shows, and its place."""
+
+    record: Record
+    loop: ClosedLoop
+    parity: Parity
+    place: Array | None = None
+    driven: bool = False  # by the recorded command
+    ramp: bool = False
+    doubt: Doubt | None = None
+
+
+def prepared(record: Record, checked: Parity, records: Sequence[Record]) -> Ready:
+    """Return a record with a model that the records can tell apart, in a loop that stays there.
+
+    A command that the law gives exactly is held between the samples; one that follows it by some
+    per cent was measured, as a current is, and goes straight from one to the next.
+    """
+    loop = preflight.told_apart(records, checked.loop)
+    place = record.q[:, 0] if pull.adrift(loop) else None
+    if not pull.rings(record, loop):
+        return Ready(record, loop, checked, place)
+    ramp = checked.after > PARITY_POOR
+    return Ready(*pull.pulled(record, loop), checked, place, True, ramp)
+
+
+def measure(ready: Ready) -> Measured:
+    """Fit the base model, and learn the floor."""
+    record, loop, checked, place, driven, ramp, doubt = ready
+    if not driven and record.added is not None and "added" in checked.mismatch:
+        record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
+    scales = Scales(record, loop)
+    values = start(Fold(record, usable(record, loop)), loop)
+    if not values.get("inertia", 1.0) > 0.0:  # a pendulum or a spring that the model lacks
+        values = {**values, "inertia": rough_inertia(loop, record)}
+    heard = response.measure(loop, record, values)
+    fold = Fold(record, usable(record, loop), np.ones(1), heard, record.name, place, ramp)
+    step = steps(fold, loop, scales)
+    free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
+    fit = gauss_newton(fold, loop, values, free, step)
+    left = fold.force_error(loop, fit.values)
+    if not np.isfinite(left).all():  # what the model lacks has bent the start
+        values = {**values, "inertia": rough_inertia(loop, record)}
+        fit = gauss_newton(fold, loop, values, free, step)
+        left = fold.force_error(loop, fit.values)
+    if not np.isfinite(left).all():
+        raise EstimationError(
+            f"the loop is unstable when simulated with what {record.name} shows (inertia "
+            f"{values['inertia']:.3g}): check the gains, units and delay of the controller, and "
+            "[drive] gain; a force of the position that the model lacks (spring, gravity) may be "
+            "added to [model] terms"
+        )
+    level = floor.measure(fit, heard, left)
+    smooth = level.generic if doubt is None else 1.0  # what is not known counts as noise
+    fold = replace(fold, whitener=level.whitener, doubt=doubt, smooth=smooth)
+    fit = gauss_newton(fold, loop, fit.values, free, step)
+    rough = float(np.mean(level.event_mask))
+    return Measured(Side(fold, heard, scales, rough), fit, level, checked, driven)
+
+
+def masked(m: Measured) -> Measured:
+    """Return a record without the stretches that stand out."""
+    return _kept(m, ~m.floor.event_mask) if m.floor.isolated else m
+
+
+def within(m: Measured, other: Measured) -> Measured:
+    """Leave out positions where the other record has not been, and times that it has not seen.
+
+    What a law does there, the other record cannot say: a parabola that fits a stroke goes far
+    astray beyond it, and an effect that is there would not replicate.
+    """
+    inside = np.ones(m.fold.record.n_samples, dtype=bool)
+    for signal in (lambda r: r.q[:, 0], lambda r: r.t - r.t[0]):
+        here, seen = (signal(x.fold.record) for x in (m, other))
+        margin = BEYOND * float(np.ptp(seen))
+        inside &= (here >= np.min(seen) - margin) & (here <= np.max(seen) + margin)
+    kept = float(np.mean(inside[m.side.fold.keep]))
+    return _kept(m, inside) if COMMON < kept < 1.0 else m
+
+
+def _kept(m: Measured, rows: NDArray[np.bool_]) -> Measured:
+    """Return a record judged on some of its samples."""
+    fold = m.side.fold.only(rows, m.side.fold.label)
+    step = steps(fold, m.base.loop, m.side.scales)
+    fit = gauss_newton(fold, m.base.loop, m.base.values, m.base.free, step, AGAIN)
+    return replace(m, side=replace(m.side, fold=fold), base=fit)
+
+
+def folds(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit, ...]]:
+    """Return two folds: two records where both have been, or alternating stretches of one."""
+    if len(measured) == 2:
+        one, two = measured
+        both = (within(one, two), within(two, one))
+        return tuple(m.side for m in both), tuple(m.base for m in both)
+    (only,) = measured
+    fold = only.side.fold
+    first = _first_half(fold.record)
+    sides, fits = [], []
+    for label, half_keep in (("part 1", first), ("part 2", ~first)):
+        half = fold.only(half_keep, label)
+        side = replace(only.side, fold=half)
+        step = steps(half, only.base.loop, side.scales)
+        sides.append(side)
+        fits.append(
+            gauss_newton(half, only.base.loop, only.base.values, only.base.free, step, AGAIN)
+        )
+    return tuple(sides), tuple(fits)
+
+
+def _first_half(record: Record) -> NDArray[np.bool_]:
+    """Return alternating stretches that move as the others do: speed, direction, acceleration."""
+    assert record.q_ref is not None
+    n = record.n_samples
+    q = record.q_ref[:, 0] - record.q_ref.mean()
+    dq = np.gradient(q)
+    ddq = np.gradient(dq)
+    looks = np.column_stack([np.sign(dq), dq, np.abs(dq), np.abs(ddq), q, q * np.sign(dq)])
+    looks = looks / np.maximum(np.std(looks, axis=0), 1e-300)
+    halves = [np.arange(n) * k // n % 2 == 0 for k in STRETCHES]
+    return min(
+        halves, key=lambda h: float(np.sum((looks[h].mean(axis=0) - looks[~h].mean(axis=0)) ** 2))
+    )

@@ -1,0 +1,214 @@
+"""Rounds: one more effect is looked for, among all that the screening leaves in question.
+
+What passes its threshold on held-out data qualifies, in both directions, in most of the blocks; the
+largest gain gets the name, and what is not distinguishable from it is said to be so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics import EFFECTS, Term
+from .candidate import Trial, attempt
+from .evidence import cost
+from .fit import Fit
+from .fold import Side, threaded
+from .rules import ADEQUATE, CLEAN, DRAWS, RIVAL, ROUGH, TIE, TWIN, WORTH_A_FIT, Rules
+from .screen import Score, screen
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round of the forward selection.
+
+    Parameters
+    ----------
+    gains : mapping
+        R2 gain of each effect in the screening, mean of the folds, largest first.
+    trials : tuple of Trial
+        Everything that was fitted.
+    scores : tuple of ndarray, (n_effects, n_blocks)
+        Per fold, what each block says against each effect that was screened.
+    qualified : tuple of Trial
+        What reaches its threshold; the largest gain gets the name.
+    measured : str
+        The effect that a further sensor in the law speaks for: it gets the name where its gain is
+        within this `margin` of the largest.
+    """
+
+    gains: dict[str, float]
+    trials: tuple[Trial, ...]
+    scores: tuple[Array, ...] = ()
+    qualified: tuple[Trial, ...] = ()
+    measured: str = ""
+    margin: float = 0.0
+
+    @cached_property
+    def best(self) -> Trial | None:
+        """What is named in this round: of equals, which the library lists first."""
+        best = max(self.qualified, key=lambda t: t.gain, default=None)
+        if best is None:
+            return None
+        seen = next((t for t in self.qualified if t.name == self.measured), None)
+        if seen is not None and seen.gain >= (1.0 - self.margin) * best.gain:
+            return seen
+        equal = {t.name: t for t in self.qualified if t.gain >= (1.0 - TIE) * best.gain}
+        return next((equal[name] for name in EFFECTS if name in equal), best)
+
+    def rivals(self, rules: Rules, left: float) -> tuple[Trial, ...]:
+        """Return what is not distinguishable from the best: the same change, as large.
+
+        One rival stays in doubt longer than several: the form of a law is never quite that of the
+        axis, which moves a single pair of curves apart that are the same in kind; of several at
+        once the better form is the likelier one, unless they change the error in all but the same
+        way, as a spring and gravity do over a short stroke. Where a gap is left in the end,
+        whatever makes it may decide between a pair: the margin is wider, and a t value decides
+        nothing.
+
+        Parameters
+        ----------
+        rules : Rules
+        left : float
+            Whitened energy that all named effects leave; 1 is the floor.
+        """
+        best, clean = self.best, left < CLEAN
+        if best is None:
+            return ()
+        margin = rules.equivalence if clean else rules.equivalence_open
+        least = (1.0 - margin) * best.gain
+        near = [t for t in self.qualified if t is not best and t.gain >= least]
+        rivals = [t for t in near if best.correlation(t) > rules.correlation]
+        if clean:
+            rivals = [t for t in rivals if best.advantage(t) < rules.distinguishable]
+        if len(rivals) > 1:
+            several = rules.distinguishable_several
+            rivals = [
+                t for t in rivals if best.correlation(t) > TWIN or best.advantage(t) < several
+            ]
+        return tuple(rivals)
+
+    def similar(self, least: float) -> set[str]:
+        """Return the effects with at least this share of the best one's gain."""
+        if self.best is None:
+            return set()
+        sizes = {**self.gains}
+        sizes |= {t.name: max(t.gain, self.gains[t.name]) for t in self.trials}
+        return {n for n, size in sizes.items() if size >= least * sizes[self.best.name]}
+
+
+def play(
+    sides: tuple[Side, ...],
+    base: tuple[Fit, ...],
+    rounds: Sequence[Round],
+    terms: list[Term],
+    rules: Rules,
+) -> Round:
+    """Look for one more effect.
+
+    Parameters
+    ----------
+    sides : tuple of Side
+        Two folds.
+    base : tuple of Fit
+        The model without any effect, fitted on each.
+    rounds : sequence of Round
+        The rounds before, each with a best effect.
+    terms : list of Term
+        What is tried.
+    rules : Rules
+    """
+    if rounds:  # most of what a name leaves is not much
+        rules = replace(rules, thorough=rules.steady)
+    last = rounds[-1].best if rounds else None
+    fits, held = (last.fits, last.held) if last else (base, base)
+    found = _screened(sides, fits, terms)
+    removed = {t.name: t.removed for r in rounds for t in r.trials}
+    seen = "flexibility" if all(s.scales.second_body for s in sides) else ""
+    trials = tuple(_tried(sides, fits, held, found, rules, removed, seen))
+    similar = set().union(*(r.similar(rules.similar) for r in rounds))
+    least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
+    qualified = (
+        t for t in trials if t.passes(rules) and (t.name not in similar or t.removed > least)
+    )
+    scores = tuple(np.array([s.scores for s in f.values()]) for f in found)
+    return Round(_gains(found), trials, scores, tuple(qualified), seen, rules.equivalence_open)
+
+
+def _screened(
+    sides: tuple[Side, ...], fits: tuple[Fit, ...], terms: list[Term]
+) -> tuple[dict[str, Score], ...]:
+    """Return the score of every effect on either side."""
+    return tuple(threaded(lambda s, f: screen(s, f, terms), sides, fits))
+
+
+def _gains(found: tuple[dict[str, Score], ...]) -> dict[str, float]:
+    """Return the gain of each effect in the screening, mean of the sides, largest first."""
+    names = [n for n in found[0] if n in found[1]]
+    mean = {n: float(np.mean([f[n].gain for f in found])) for n in names}
+    return dict(sorted(mean.items(), key=lambda item: -item[1]))
+
+
+def _tried(
+    sides: tuple[Side, ...],
+    fits: tuple[Fit, ...],
+    held: tuple[Fit, ...],
+    found: tuple[dict[str, Score], ...],
+    rules: Rules,
+    removed: dict[str, float],
+    seen: str = "",
+) -> list[Trial]:
+    """Fit the best of the screening.
+
+    The screening, of first order, does not see a narrow valley. Effects with many are searched as
+    well where everything else leaves a gap, and smooth laws of the state leave many
+    stretches of the record unexplained, as masses that move on their own do; not again where what
+    they `removed` in an earlier round says that they would not be most of what is left.
+    """
+    gains = _gains(found)
+    valleys = {n for n in gains if found[0][n].term.search == "valleys"}
+    least = WORTH_A_FIT * rules.steady.gain
+    chosen = [n for n in list(gains)[: rules.refit] if gains[n] > least]
+    chosen += [n for n in gains if n == seen and n not in chosen]
+    tried: list[Trial] = []
+
+    def fit(names: list[str]) -> float:
+        """Try some effects; return the largest gain that reaches its threshold so far."""
+        tasks = [[f[n] for f in found] for n in names]
+        tried.extend(threaded(lambda scores: attempt(sides, fits, held, scores), tasks))
+        passed = threaded(lambda t: t.passes(rules), tried)
+        return max([0.0, *(t.gain for t, ok in zip(tried, passed, strict=True) if ok)])
+
+    best = fit(chosen[:2])
+    best = fit([n for n in chosen[2:] if gains[n] > RIVAL * best])
+    rough, left = max(s.rough for s in sides) > ROUGH, (1.0 - best) * cost(held)
+    if rough and left > ADEQUATE:
+        hopeless = {n for n, r in removed.items() if r < rules.search_left * (left - 1.0)}
+        fit(sorted(valleys - {*chosen} - hopeless))
+    return tried
+
+
+def pvalues(first: Round, draws: int = DRAWS) -> dict[str, float]:
+    """Return p values by the bootstrap of the largest t over all that was screened."""
+    if not first.trials:
+        return {}
+    rng = np.random.default_rng(np.random.SeedSequence(list(b"max-t")))
+    worst = np.zeros(draws)
+    for side, screened in enumerate(first.scores):
+        fitted = [_scores(t.before[side], t.held[side]) for t in first.trials]
+        scores = np.vstack([*screened, *fitted])
+        signs = rng.choice([-1.0, 1.0], size=(draws, scores.shape[1]))
+        size = np.maximum(np.linalg.norm(scores, axis=1), 1e-300)
+        worst = np.maximum(worst, np.max(np.abs(signs @ scores.T) / size, axis=1))
+    return {t.name: float(np.mean(worst >= max(np.min(t.t), 0.0))) for t in first.trials}
+
+
+def _scores(before: Fit, held: Fit) -> Array:
+    change = before.e - held.e
+    return held.fold.block_sums(change * held.e)
