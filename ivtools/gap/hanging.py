@@ -16,7 +16,7 @@ from scipy import signal
 
 from ..loop import ClosedLoop
 from ..record import Record
-from .rules import HANGS, HANGS_ALIKE, SWINGS
+from .rules import HANGS, HANGS_ALIKE, LEAST_SWINGS, SWING_RATE, SWINGS
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,9 @@ def _cutoff(record: Record) -> float:
     power = np.abs(np.fft.rfft(dq - dq.mean())) ** 2
     hz = np.fft.rfftfreq(len(dq), record.dt)
     median = float(hz[np.searchsorted(power.cumsum(), 0.5 * power.sum())])
-    return float(np.clip(SWINGS * median, 4.0 / (len(dq) * record.dt), 0.2 / record.dt))
+    return float(
+        np.clip(SWINGS * median, LEAST_SWINGS / (len(dq) * record.dt), SWING_RATE / record.dt)
+    )
 
 
 def _columns(record: Record, loop: ClosedLoop, cutoff: float) -> tuple[Array, Array]:

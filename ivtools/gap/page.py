@@ -13,7 +13,8 @@ from .verdict import VERDICTS
 if TYPE_CHECKING:
     from ..report import Card, Page
     from .diagnosis import Diagnosis
-    from .quantify import Shrink
+    from .rules import CORRECTED
+from .quantify import Shrink
     from .verdict import Replica
 
 _NEXT = 4  # lines of advice on the card
@@ -253,7 +254,7 @@ def _nothing(diagnosis: Diagnosis) -> list[str]:
 
 def _controller(s: Shrink) -> str:
     """Return what putting the controller right is worth."""
-    if s.corrected >= 0.98 * s.before:
+    if s.corrected >= CORRECTED * s.before:
         return ""
     return f" {s.corrected:.3g} {s.unit} with the controller put right,"
 

@@ -138,6 +138,8 @@ STRETCHES = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 
 #: Cut-off in median frequencies of the motion (judgement: above harmonics of a swing).
 SWINGS = 5.0
+#: The same at least, in periods of the record, and at most, of the sampling rate (numerics).
+LEAST_SWINGS, SWING_RATE = 4.0, 0.2
 #: Share of the acceleration's remainder that gravity must explain on the other half (judgement).
 HANGS = 0.5
 #: Factor between the two halves' gravity over inertia at most (as for other effects).
