@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Literal
 from ..tables import Text, sentence, table
 from ..units import quantity
 from .changes import changes_table
+from .rules import CORRECTED
 from .verdict import VERDICTS
 
 if TYPE_CHECKING:
     from ..report import Card, Page
     from .diagnosis import Diagnosis
-    from .rules import CORRECTED
-from .quantify import Shrink
+    from .quantify import Shrink
     from .verdict import Replica
 
 _NEXT = 4  # lines of advice on the card
