@@ -131,37 +131,57 @@ def test_a_drive_gain_over_position_is_described_and_not_named():
     assert "gain" in gap.discrepancy.over and "load times position or speed" in gap.summary()
 
 
-def belted(seed):
-    """Return a record with a force that a move leaves behind and that fades within 0.5 s."""
+def moved_by(seed, force_of):
+    """Return a record with a force of the run without it; N of its velocity, acceleration, step."""
     loop, plain = iv.axes.emps(), record(seed)
-    dq, a = loop.simulate(plain, BASE).dq[:, 0], np.exp(-plain.dt / 0.5)
-    force = -40.0 * signal.lfilter([1.0 - a], [1.0, -a], dq)
+    alone = loop.simulate(plain, BASE)
+    force = force_of(alone.dq[:, 0], alone.ddq[:, 0], plain.dt)
     noise = np.random.default_rng(seed).normal(size=plain.n_samples)
     run = loop.simulate(plain, BASE, force_noise=force + 0.6 * noise)
     return iv.Record(plain.t, q=run.q, q_ref=plain.q_ref, nu=run.nu)
 
 
+def belted(dq, ddq, dt):
+    """A force that a move leaves behind and that fades within 0.5 s."""
+    a = np.exp(-dt / 0.5)
+    return -40.0 * signal.lfilter([1.0 - a], [1.0, -a], dq)
+
+
 def test_a_force_with_a_memory_is_described_and_not_adequate():
-    gap = iv.diagnose(belted(12), iv.axes.emps(), belted(13))
+    gap = iv.diagnose(moved_by(12, belted), iv.axes.emps(), moved_by(13, belted))
     assert gap.effects == () and gap.verdict == "unexplained"
     assert gap.discrepancy.over[0] == "past" and "the motion before" in gap.summary()
 
 
-def carrying(seed):
-    """Return a record of an axis from which a load hangs that swings at 0.9 Hz."""
-    loop, plain = iv.axes.emps(), record(seed)
-    ddq = loop.simulate(plain, BASE).ddq[:, 0]
-    force = 2000.0 * Swing(0.9, 0.01).of(ddq, plain.dt)[:, 1]
-    noise = np.random.default_rng(seed).normal(size=plain.n_samples)
-    run = loop.simulate(plain, BASE, force_noise=force + 0.6 * noise)
-    return iv.Record(plain.t, q=run.q, q_ref=plain.q_ref, nu=run.nu)
+def carrying(dq, ddq, dt):
+    """What a load does that hangs from the axis and swings at 0.9 Hz."""
+    return 2000.0 * Swing(0.9, 0.01).of(ddq, dt)[:, 1]
 
 
 def test_a_load_that_hangs_from_the_axis_is_no_noise():
-    gap = iv.diagnose(carrying(14), iv.axes.emps(), carrying(15))
+    gap = iv.diagnose(moved_by(14, carrying), iv.axes.emps(), moved_by(15, carrying))
     assert gap.effects == () and gap.verdict == "unexplained"
     assert gap.discrepancy.over[0] == "swing" and "the swing of a load" in gap.summary()
     assert gap.shrink.floor < 0.5 * gap.shrink.before
+
+
+def worn_in(before):
+    """Friction that falls with what the axis did in the last 3 s, which `before` had begun."""
+
+    def force(dq, ddq, dt):
+        a = np.exp(-dt / 3.0)
+        heat = signal.lfilter([1.0 - a], [1.0, -a], np.abs(dq) / 0.4, zi=[a * before])[0]
+        return 10.0 * heat * np.sign(dq)
+
+    return force
+
+
+@pytest.mark.parametrize("starts", [(0.0, 0.5), (0.4, 0.4)])
+def test_friction_that_was_warm_before_the_record_is_described_and_not_named(starts):
+    one, two = (moved_by(18 + k, worn_in(before)) for k, before in enumerate(starts))
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert gap.effects == () and gap.discrepancy.over[0] == "warm"
+    assert "how much moved before" in gap.summary()
 
 
 def test_a_name_falls_where_a_force_without_one_explains_more():
