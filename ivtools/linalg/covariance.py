@@ -222,7 +222,7 @@ def effective_rows(rows: Array) -> Array:
     >>> effective_rows(np.array([[1.0, 1.0], [1.0, 0.0], [1.0, 0.0]])).tolist()
     [3.0, 1.0]
     """
-    square = rows**2 / np.maximum(np.max(rows**2, axis=0), np.finfo(float).tiny)
+    square = (rows / np.maximum(np.max(np.abs(rows), axis=0), np.finfo(float).tiny)) ** 2
     return np.asarray(square.sum(axis=0) ** 2 / np.maximum((square**2).sum(axis=0), 1.0))
 
 
