@@ -30,7 +30,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse  # noqa: E402
 import json  # noqa: E402
-from collections import Counter  # noqa: E402
+from collections import Counter, defaultdict  # noqa: E402
 from collections.abc import Callable, Mapping  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
@@ -42,6 +42,7 @@ from scipy import stats  # noqa: E402
 from .answers import answer  # noqa: E402
 from .effects import AT_CONTROLLER  # noqa: E402
 from .mujoco import run as mujoco  # noqa: E402
+from .recorder import attributions  # noqa: E402
 from .run import done, read  # noqa: E402
 from .scores import score  # noqa: E402
 from .suites import SUITES  # noqa: E402
@@ -91,51 +92,30 @@ def observed(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """Return the row of a case, with what the first round of its selection showed."""
     from importlib import import_module
 
-    process = import_module("ivtools.gap.diagnose")  # the function of that name hides it
     selection = import_module("ivtools.gap.attribute")
-    found: list[Any] = []
-    nameless: list[list[float]] = []
+    nameless: defaultdict[int, list[float]] = defaultdict(list)
+    advantage = selection.advantage
+    with attributions() as found:
 
-    def attributed(*args: Any) -> Any:
-        nameless.append([])
-        found.append(attribute(*args))
-        return found[-1]
+        def compared(*args: Any) -> float:
+            """Keep what names are worth against a force without one, by attempt."""
+            nameless[len(found)].append(advantage(*args))
+            return nameless[len(found)][-1]
 
-    def compared(*args: Any) -> float:
-        nameless[-1].append(advantage(*args))
-        return nameless[-1][-1]
-
-    attribute, advantage = process.attribute, selection.advantage
-    with (
-        patch.object(process, "attribute", attributed),
-        patch.object(selection, "advantage", compared),
-    ):
-        row = work()
-    return row | {"attempts": [_attempt(f, n) for f, n in zip(found, nameless, strict=True)]}
+        with patch.object(selection, "advantage", compared):
+            row = work()
+    return row | {"attempts": [_attempt(f, nameless[k]) for k, f in enumerate(found)]}
 
 
 def _attempt(found: Any, nameless: list[float]) -> dict[str, Any]:
     """Return what a selection showed: its rounds, and names against a force without one."""
-    from ivtools.gap.evidence import cost, evidence
+    from ivtools.gap.evidence import cost
 
-    best = {r.best.name: (r, r.best) for r in found.rounds if r.best is not None}
-    proofs = {
-        name: evidence(
-            trial,
-            [
-                t
-                for t in r.trials
-                if t is not trial and t not in r.rivals(found.rules, cost(found.held))
-            ],
-            found.base,
-            found.full or found.held,
-        )
-        for name, (r, trial) in best.items()
-    }
+    winners = [(r, r.best) for r in found.rounds if r.best is not None]
     return {
         "rounds": [_round(found, r) for r in found.rounds],
         "named": list(found.named),
-        "evidence": {n: e.to_dict() for n, e in proofs.items()},
+        "evidence": {best.name: found.proof(r, best).to_dict() for r, best in winners},
         "nameless": nameless,
         "cost": [cost(found.base), cost(found.held), cost(found.full or found.held)],
     }

@@ -24,6 +24,7 @@ from typing import Any  # noqa: E402
 import numpy as np  # noqa: E402
 
 from .cases import draw  # noqa: E402
+from .recorder import attributions  # noqa: E402
 from .run import read  # noqa: E402
 from .suites import SUITES, Task  # noqa: E402
 
@@ -34,43 +35,27 @@ _RIDGE = 1.0  # of the standardised weights, against the count of candidates
 def candidates(task: Task) -> list[dict[str, Any]]:
     """Return a row of evidence for the best candidate of every round, and whether it is true."""
     warnings.simplefilter("ignore")
-    from importlib import import_module
 
     import ivtools as iv
-    from ivtools.gap.attribute import Attribution
     from ivtools.loop.axis_file import from_tables
 
-    process = import_module("ivtools.gap.diagnose")  # the function of that name hides it
-
-    case, seen = draw(task), []
-    attribute = process.attribute
-
-    def noted(*args: Any) -> Attribution:
-        seen.append(attribute(*args))
-        return seen[-1]
-
-    process.attribute = noted
-    try:
-        records = [iv.Record.from_dict(r, name=n) for r, n in zip(case.records, "ab", strict=True)]
-        loop = from_tables(case.axis.tables())
-        iv.diagnose(records[0], loop, holdout=records[1])
-    finally:
-        process.attribute = attribute
+    case = draw(task)
+    records = [iv.Record.from_dict(r, name=n) for r, n in zip(case.records, "ab", strict=True)]
+    with attributions() as seen:
+        iv.diagnose(records[0], from_tables(case.axis.tables()), holdout=records[1])
     return [row for found in seen[-1:] for row in _rows(task, found)]
 
 
 def _rows(task: Task, found: Any) -> Iterator[dict[str, Any]]:
-    from ivtools.gap.evidence import cost, evidence
+    from ivtools.gap.evidence import cost
 
     for r in found.rounds:
         if not r.trials:
             continue
         best = r.best or max(r.trials, key=lambda t: t.gain)
-        rivals = r.rivals(found.rules, cost(found.held))
-        others = [t for t in r.trials if t is not best and t not in rivals]
-        names = {best.name, *(t.name for t in rivals)}
-        proof = evidence(best, others, found.base, found.full or found.held).to_dict()
+        names = {best.name, *(t.name for t in r.rivals(found.rules, cost(found.held)))}
         right = bool(names & {*task.effects})
+        proof = found.proof(r, best).to_dict()
         yield {"key": task.key, "named": r.best is not None, "right": right, **proof}
 
 

@@ -136,15 +136,12 @@ class Attribution:
     @cached_property
     def evidence(self) -> dict[str, Evidence]:
         """Per named effect, what speaks for it."""
-        return {
-            n: evidence(
-                b,
-                [t for t in r.trials if t not in (b, *self._rivals(r))],
-                self.base,
-                self.full or self.held,
-            )
-            for n, (r, b) in self._winners.items()
-        }
+        return {n: self.proof(r, best) for n, (r, best) in self._winners.items()}
+
+    def proof(self, r: Round, trial: Trial) -> Evidence:
+        """Return what speaks for one of the effects that were tried in a round."""
+        others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
+        return evidence(trial, others, self.base, self.full or self.held)
 
     @cached_property
     def pvalues(self) -> dict[str, float]:
