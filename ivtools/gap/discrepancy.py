@@ -147,7 +147,9 @@ class Laws:
         if not all(r.finite for r in runs) or any(f.fold.response is None for f in fits):
             return None
         basis = Basis.of(runs)
-        parts = _alike([basis.parts(r) for r in runs])
+        before = _warmth(fits, runs, basis)
+        both = zip(runs, before, strict=True)
+        parts = _alike([{**basis.parts(r), "warm": basis.heat(r, w)} for r, w in both])
         place = _places(parts[0])
         forces = tuple(np.hstack(list(p.values())) for p in parts)
         answers = tuple(threaded(lambda f, F: f.fold.answers(F), fits, forces))
@@ -314,18 +316,13 @@ class _Step(NamedTuple):
 class _Search:
     """Normal equations and penalties of every column, of which steps take some.
 
-    Waves, swings and what was warm before are columns of a model's own: their periods and the
-    warmth at the start are those of what it leaves.
+    Waves and swings are columns of a model's own: their periods are those of what it leaves.
     """
 
     def __init__(self, fits: Sequence[Fit], laws: Laws) -> None:
         periods, swings = _periods(fits, laws.runs), _swings(fits, laws.runs)
         basis = replace(laws.basis, periods=periods, swings=swings)
-        warmth = _warmth(fits, laws.runs, basis)
-        parts = _alike([
-            {"warm": basis.heat(r, w), "wave": basis.waves(r), "swing": basis.swinging(r)}
-            for r, w in zip(laws.runs, warmth, strict=True)
-        ])  # fmt: skip
+        parts = _alike([{"wave": basis.waves(r), "swing": basis.swinging(r)} for r in laws.runs])
         more = [np.hstack(list(p.values())) for p in parts]
         self.place = {**laws.place, **_places(parts[0], len(laws.squares[0]))}
         self.forces = [np.hstack(pair) for pair in zip(laws.forces, more, strict=True)]
