@@ -168,7 +168,8 @@ def _first_half(record: Record) -> NDArray[np.bool_]:
     dq = np.gradient(q)
     ddq = np.gradient(dq)
     looks = np.column_stack([np.sign(dq), dq, np.abs(dq), np.abs(ddq), q, q * np.sign(dq)])
-    looks = looks / np.maximum(np.std(looks, axis=0), 1e-300)
+    spread = np.std(looks, axis=0)
+    looks = looks[:, spread > 0.0] / spread[spread > 0.0]
     halves = [np.arange(n) * k // n % 2 == 0 for k in STRETCHES]
     return min(
         halves, key=lambda h: float(np.sum((looks[h].mean(axis=0) - looks[~h].mean(axis=0)) ** 2))
