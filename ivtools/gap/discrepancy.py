@@ -12,7 +12,7 @@ Science 11(2), 1996.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -131,6 +131,8 @@ class Laws:
         Of the whitened error.
     squares : tuple of ndarray, (m, m)
         Their products with each other.
+    splines : dict
+        Those that were fitted to what models leave, by their fits.
     """
 
     basis: Basis
@@ -139,6 +141,7 @@ class Laws:
     place: dict[str, NDArray[np.int_]]
     answers: tuple[Array, ...]
     squares: tuple[Array, ...]
+    splines: dict[tuple[Fit, ...], Spline] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Laws | None:
@@ -211,12 +214,15 @@ def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
     laws : Laws
         What it is made of.
     """
+    if (known := laws.splines.get(tuple(fits))) is not None:
+        return known
     search = _Search(fits, laws)
     now = _Step(0.0, (), [np.zeros(len(f.e)) for f in fits])
     while then := next((s for s in search.ahead(now) if _tells(fits, search.rests, now, s)), None):
         now = then
     left = tuple(e + a for e, a in zip(search.rests, now.answers, strict=True))
-    return Spline(search.force(now), now.over, now.gain, left)
+    laws.splines[tuple(fits)] = Spline(search.force(now), now.over, now.gain, left)
+    return laws.splines[tuple(fits)]
 
 
 def _tells(fits: Sequence[Fit], rests: Sequence[Array], now: _Step, then: _Step) -> bool:

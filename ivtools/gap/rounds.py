@@ -37,7 +37,7 @@ class Round:
     scores : tuple of ndarray, (n_effects, n_blocks)
         Per fold, what each block says against each effect that was screened.
     qualified : tuple of Trial
-        What reaches its threshold; the largest gain gets the name.
+        What reaches its threshold, and nearly the largest gain of those, which gets the name.
     measured : str
         The effect that a further sensor in the law speaks for: it gets the name where its gain is
         within this `margin` of the largest.
@@ -134,11 +134,17 @@ def play(
     trials = tuple(_tried(sides, fits, held, found, rules, removed, seen))
     similar = set().union(*(r.similar(rules.similar) for r in rounds))
     least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
-    qualified = (
-        t for t in trials if t.passes(rules) and (t.name not in similar or t.removed > least)
-    )
+    new = [t for t in trials if t.name not in similar or t.removed > least]
+    near = (1.0 - rules.equivalence_open) * _largest(new, rules)
+    qualified = tuple(t for t in new if 0.0 < near <= t.gain and t.passes(rules))
     scores = tuple(np.array([s.scores for s in f.values()]) for f in found)
-    return Round(_gains(found), trials, scores, tuple(qualified), seen, rules.equivalence_open)
+    return Round(_gains(found), trials, scores, qualified, seen, rules.equivalence_open)
+
+
+def _largest(trials: Sequence[Trial], rules: Rules) -> float:
+    """Return the largest gain that reaches its threshold; what is smaller is not looked at."""
+    by_gain = sorted((t for t in trials if t.gain > 0.0), key=lambda t: -t.gain)
+    return next((t.gain for t in by_gain if t.passes(rules)), 0.0)
 
 
 def _screened(
@@ -182,8 +188,7 @@ def _tried(
         """Try some effects; return the largest gain that reaches its threshold so far."""
         tasks = [[f[n] for f in found] for n in names]
         tried.extend(threaded(lambda scores: attempt(sides, fits, held, scores), tasks))
-        passed = threaded(lambda t: t.passes(rules), tried)
-        return max([0.0, *(t.gain for t, ok in zip(tried, passed, strict=True) if ok)])
+        return _largest(tried, rules)
 
     best = fit(chosen[:2])
     best = fit([n for n in chosen[2:] if gains[n] > RIVAL * best])
