@@ -119,9 +119,13 @@ def assumed(diagnosis: Diagnosis) -> Diagnosis:
     one = diagnosis.supposed
     if diagnosis.effects or one is None:
         return diagnosis
-    own = {n.partition(".")[2]: v for n, v in one.values.items() if n.startswith(f"{one.effect}.")}
-    parameters = {one.effect: own}
+    parameters = {one.effect: _own(one.values, one.effect)}
     return replace(diagnosis, effects=(one.effect,), parameters=parameters, theta=one.values)
+
+
+def _own(values: Mapping[str, float], effect: str) -> dict[str, float]:
+    """Return the parameters of an effect by short name."""
+    return {n.partition(".")[2]: v for n, v in values.items() if n.startswith(f"{effect}.")}
 
 
 def _swing(diagnosis: Diagnosis | None) -> float:
@@ -260,10 +264,9 @@ def alone(
     places, ddqs = motion.q.copy(), motion.ddq.copy()
     for name, diagnosis in (soft or {}).items():
         i = loop.joints.index(name)
-        part = alone(i, record, fit).record
-        rows = slice(0, part.n_samples)
-        slow = loop.band_pipelines(record).differentiate(record.q, record.dt).ddq[rows, i]
-        places[rows, i], ddqs[rows, i] = _link(diagnosis, part, motion.dq[rows, i], slow)
+        its = alone(i, record, fit)
+        rows = slice(0, its.record.n_samples)
+        places[rows, i], ddqs[rows, i] = _link(diagnosis, its, motion.dq[rows, i])
     q, dq, ddq = (loop._to_joints(x) for x in (places, motion.dq, ddqs))
     asked = loop.robot.torques(q, dq, ddq, loop.inertias(values))
     if loop.transmission is not None:
@@ -283,21 +286,22 @@ def alone(
     return Alone(part, _axis(j, loop, inertia, own, without), both[:end, 1:])
 
 
-def _link(diagnosis: Diagnosis, record: Record, dq: Array, slow: Array) -> tuple[Array, Array]:
+def _link(diagnosis: Diagnosis, part: Alone, dq: Array) -> tuple[Array, Array]:
     """Return position and acceleration of the link of a joint with two masses, (n_samples,) each.
 
-    Under its load it swings behind the drive; a gap lies on the side to which it is pulled, and a
-    link behind it is not jerked as the drive is that crosses it.
+    Under its load it swings behind the drive; a gap lies on the side to which it is pulled, and the
+    link behind it is jerked when a simulation of that joint says.
 
     Parameters
     ----------
     diagnosis : Diagnosis
         Has the values of its flexibility or backlash.
-    record : Record
-        Of that joint alone, with its load.
-    dq, slow : ndarray, (n_samples,)
-        Velocity of the drive, and its acceleration in the band that its reference moves in.
+    part : Alone
+        That joint.
+    dq : ndarray, (n_samples,)
+        Velocity of the drive.
     """
+    record = part.record
     assert record.load is not None
     values, q = diagnosis.theta, record.q[:, 0]
     effect = next(e for e in _TWO_MASSES if e in diagnosis.effects)
@@ -318,7 +322,28 @@ def _link(diagnosis: Diagnosis, record: Record, dq: Array, slow: Array) -> tuple
     behind = ahead + swung(pulled, (1.0,))
     ddq = pull * ahead + drag * swung(dq, twice) - swung(pulled, twice)
     gap = 0.5 * values.get("backlash.gap", 0.0) * np.sign(pulled + ddq)
-    return q - behind - gap, slow if effect == "backlash" else ddq
+    jerked = _jerked(diagnosis, part) if effect == "backlash" else ddq
+    return q - behind - gap, jerked if np.isfinite(jerked).all() else ddq
+
+
+def _jerked(diagnosis: Diagnosis, part: Alone) -> Array:
+    """Return the acceleration of a link behind a gap, (n_samples,).
+
+    Of the forces on the joint as it is simulated, those that accelerate neither drive nor load.
+    """
+    loop = part.loop.with_effect("backlash", **_own(diagnosis.theta, "backlash"))
+    values = loop.values({n: v for n, v in diagnosis.theta.items() if n in loop.names})
+    load, more = part.link.T
+    sim = loop.simulate(part.record, values, link=part.link)
+    q, dq, ddq, tau = sim.q[:, 0], sim.dq[:, 0], sim.ddq[:, 0], sim.tau[:, 0]
+    against = sum(
+        t.force(q, dq, ddq, [values[n] for n in t.names], tau, sim.t - sim.t[0])
+        for t in loop.terms
+        if t.law is not None and t.name != "inertia"
+    )
+    heavy = values["backlash.load_share"] * values["inertia"]
+    drive = values["inertia"] - heavy
+    return np.asarray((tau - against - drive * ddq - load) / np.maximum(heavy + more, 0.1 * heavy))
 
 
 def _axis(
