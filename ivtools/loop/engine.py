@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 Motion = tuple[float, float, float]  # position, velocity and acceleration
 
 _LONGEST_DELAY = 10.0  # s
-_STIFFEST = 1.0  # oscillations of a contact in a sample: under a known load, what is stiffer is not
-# told from it, and costs many steps
 _BEGINNING = 0.3  # s that tell in which state a law began a record
 _START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
 _START_TIME = 0.021  # s; where they last longer, through fewer
@@ -122,9 +120,8 @@ def simulate(
         raise AxisError(f"substeps is {steps}; it counts the integration steps per sample")
     n, dt = record.n_samples, record.dt
     law = driven(loop, record, values, initial)
-    if record.load is not None and "backlash.contact_hz" in values:
-        hz = min(values["backlash.contact_hz"], _STIFFEST / dt)
-        values = {**values, "backlash.contact_hz": hz}
+    if record.load is not None:
+        values = {**values, **_rigid(loop, values, dt)}
     out = np.empty((4, n))
     kernel.run(
         dt,
@@ -267,6 +264,12 @@ def started(q: Array, dt: float) -> Motion:
 
 def _column(signal: Array | None, n: int) -> Array:
     return np.zeros(n) if signal is None else np.ascontiguousarray(signal[:, 0])
+
+
+def _rigid(loop: ClosedLoop, values: Mapping[str, float], dt: float) -> dict[str, float]:
+    """Return the frequencies that are as good as rigid, as high as that takes."""
+    both = (pair for t in loop.terms for pair in zip(t.names, t.parameters, strict=True))
+    return {n: min(values[n], p.rigid / dt) for n, p in both if p.rigid < np.inf}
 
 
 def _links(loop: ClosedLoop, record: Record, link: ArrayLike | None) -> tuple[Array, Array]:

@@ -59,6 +59,9 @@ class Parameter:
         Whether a record says next to nothing about it: it stays where a search began.
     most : float
         Largest value, in multiples of `scale`, at which the effect still is what its name says.
+    rigid : float
+        Oscillations in a sample from which more is as good as rigid where a load is known: of a
+        frequency; what is stiffer is not told from it, and costs many steps.
     """
 
     name: str
@@ -70,6 +73,7 @@ class Parameter:
     scan: tuple[float, ...] = ()
     nuisance: bool = False
     most: float = inf
+    rigid: float = inf
 
     @property
     def linear(self) -> bool:

@@ -161,7 +161,15 @@ BACKLASH = Term(
             scan=(0.0, 1.0),
             nuisance=True,
         ),
-        Parameter("contact_hz", "Hz", lower=10.0, neutral=150.0, scale="one", scan=(100.0, 500.0)),
+        Parameter(
+            "contact_hz",
+            "Hz",
+            lower=10.0,
+            neutral=150.0,
+            scale="one",
+            scan=(100.0, 500.0),
+            rigid=1.0,
+        ),
         Parameter(
             "damping",
             "1",
