@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from robots import SIX_GAINS, axis, plan, reference, six_loop, two_axes, two_joints
 
 RESULTS = Path(__file__).parents[1] / "results" / "robots" / "arms.csv"
-FIRST = 8000  # seed; cases from 5000 on and from 7000 on have shown what was wrong
+FIRST = 8100  # seed; cases from 5000, 7000 and 8000 on have shown what was wrong
 ARMS = (2, 3, 6)
 SECONDS = 15.0
 EFFECTS = (
