@@ -47,7 +47,8 @@ def scores(table: pd.DataFrame) -> Figure:
 
 def confusion(table: pd.DataFrame) -> Figure:
     """Show what was named against what was hidden, one effect per case, in per cent."""
-    matrix = matrix_of(table)
+    counts = matrix_of(table)
+    matrix = counts.to_numpy()
     share = 100.0 * matrix / np.maximum(matrix.sum(axis=1, keepdims=True), 1)
     figure, axes = plt.subplots(figsize=(8.5, 7.5), layout="constrained")
     axes.imshow(share, cmap="Greens", vmin=0, vmax=100)
@@ -55,21 +56,20 @@ def confusion(table: pd.DataFrame) -> Figure:
         if value:
             colour = "white" if share[i, j] > 60 else "black"
             axes.text(j, i, int(value), ha="center", va="center", fontsize=7, color=colour)
-    names = list(EFFECTS)
-    axes.set_xticks(range(len(names) + 1), [*names, "nothing"], rotation=90, fontsize=8)
-    axes.set_yticks(range(len(names)), names, fontsize=8)
+    axes.set_xticks(range(len(counts.columns)), counts.columns, rotation=90, fontsize=8)
+    axes.set_yticks(range(len(counts)), counts.index, fontsize=8)
     axes.set(xlabel="named", ylabel="hidden")
     return figure
 
 
-def matrix_of(table: pd.DataFrame) -> np.ndarray:
-    """Return the counts of named, and nothing, by hidden effect, (n_effects, n_effects + 1)."""
-    names = list(EFFECTS)
-    matrix = np.zeros((len(names), len(names) + 1), dtype=int)
-    for truth, found in zip(table["truth"], table["named"], strict=True):
-        for name in found.split("+") if found else [None]:
-            matrix[names.index(truth), len(names) if name is None else names.index(name)] += 1
-    return matrix
+def matrix_of(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the counts of named, and nothing, by hidden effect, (n_effects, n_names)."""
+    pairs = table.assign(named=table["named"].replace("", "nothing").str.split("+"))
+    pairs = pairs.explode("named")
+    others = sorted({*pairs["named"]} - {*EFFECTS, "nothing"})  # the library knows more
+    names = [*EFFECTS, *others, "nothing"]
+    counts = pd.crosstab(pairs["truth"], pairs["named"])
+    return counts.reindex(index=list(EFFECTS), columns=names, fill_value=0)
 
 
 def power(table: pd.DataFrame) -> Figure:
