@@ -24,7 +24,16 @@ from .fit import Fit, gauss_newton, steps
 from .fold import Side, threaded
 from .library import library
 from .rounds import Round, play, pvalues
-from .rules import CLEAN, DISCREPANCY_T, LIKELY, MORE, STANDARD_ERRORS, SUPERFLUOUS, Rules
+from .rules import (
+    CLEAN,
+    DISCREPANCY_T,
+    LIKELY,
+    MORE,
+    STANDARD_ERRORS,
+    SUPERFLUOUS,
+    UNLIKE_SMOOTH,
+    Rules,
+)
 from .smooth import beside
 
 
@@ -185,7 +194,8 @@ def attribute(
     left = bool(best) and cost(models[-1]) >= min(CLEAN, MORE * lawless(base))  # to be described
     laws = next(filter(None, map(Laws.of, models[::-1])), None) if left else None
     seen = bool(best) and best[0].name == rounds[0].measured
-    best = best[: len(best) if laws is None else _told(models, laws, rules, least=int(seen))]
+    own = [t.unlike > UNLIKE_SMOOTH for t in best]
+    best = best[: len(best) if laws is None else _told(models, laws, own, rules, int(seen))]
     fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
     kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
     found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws=laws)
@@ -196,7 +206,13 @@ def attribute(
     return replace(found, supposed=Supposed(first.name, first.fits[0].values, first.gain))
 
 
-def _told(models: Sequence[tuple[Fit, ...]], laws: Laws, rules: Rules, least: int) -> int:
+def _told(
+    models: Sequence[tuple[Fit, ...]],
+    laws: Laws,
+    own: Sequence[bool],
+    rules: Rules,
+    least: int = 0,
+) -> int:
     """Return how many names, in their order, tell more than a force without a name does.
 
     Every smooth law is close to some effect. So a force without a name describes what is left,
@@ -204,6 +220,16 @@ def _told(models: Sequence[tuple[Fit, ...]], laws: Laws, rules: Rules, least: in
     well as the best, within a standard error, the one with most names is taken that the force
     without a name does not outdo by itself. The first stays if a further sensor in the law has
     measured it, for that is no guess: `least` is 1 then.
+
+    Parameters
+    ----------
+    models : sequence of tuple of Fit
+        Without names, with the first one, and so on.
+    laws : Laws
+    own : sequence of bool
+        Of each name, whether it has what no smooth law could have: that is not outdone by one.
+    rules : Rules
+    least : int
 
     L. Breiman, J. H. Friedman, R. A. Olshen, C. J. Stone, "Classification and Regression Trees",
     1984, section 3.4.3: the one-standard-error rule.
@@ -214,7 +240,8 @@ def _told(models: Sequence[tuple[Fit, ...]], laws: Laws, rules: Rules, least: in
         """Whether so many names do."""
         if any(advantage(models[0], other, left[k]) < -STANDARD_ERRORS for other in left[least:k]):
             return False
-        return least > 0 or not _outdone(models[0], models[k], left[0], left[k], rules)
+        smooth = least == 0 and not any(own[:k])
+        return not smooth or not _outdone(models[0], models[k], left[0], left[k], rules)
 
     return next((k for k in range(len(models) - 1, least, -1) if holds(k)), least)
 
@@ -224,8 +251,8 @@ def _outdone(
 ) -> bool:
     """Whether a force without a name explains what names do, and significantly more.
 
-    By more than effects may differ that are equivalent, and unless the names have something that
-    it has not: then both are there.
+    By more than effects may differ that are equivalent where a gap is left, and unless the names
+    have something that it has not: then both are there.
 
     Parameters
     ----------
@@ -238,7 +265,7 @@ def _outdone(
     saved = cost(held) - nameless
     alone = Spline((), (), 0.0, tuple(beside(h, h.e[:, None])[:, 0] for h in held))
     return (
-        saved > rules.equivalence * (cost(base) - nameless)
+        saved > rules.equivalence_open * (cost(base) - nameless)
         and advantage(base, alone, plain) > least_t(saved / cost(held))
         and advantage(base, plain, both) < DISCREPANCY_T
     )
@@ -263,7 +290,8 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
         return found
     held = frozen(sides, found.fits)
     laws = Laws.of(held)
-    if laws is None or _told([base, held], laws, found.rules, least=0):
+    own = [any(t.unlike > UNLIKE_SMOOTH for _, t in found._winners.values())]
+    if laws is None or _told([base, held], laws, own, found.rules):
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 
