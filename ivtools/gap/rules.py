@@ -282,7 +282,7 @@ MORE = 1.03
 UNNAMED = 1.02
 #: Share of the gain by which effects differ at most that do equally well (judgement: gravity and
 #: a spring over a short arc differ by 1e-5 to 0.0011).
-TIE = 0.003
+TIE = 0.0015
 #: Of the best gain in the screening: what is below is not its rival (training).
 RIVAL = 0.35
 #: Of the least gain of a steady effect: what is below in the screening is not fitted (training).
