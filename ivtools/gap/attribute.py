@@ -20,7 +20,7 @@ from ..physics import Term
 from .candidate import Trial, frozen
 from .discrepancy import Laws, Spline, advantage, fitted, least_t
 from .evidence import Evidence, cost, evidence, lawless, probability
-from .fit import Fit, gauss_newton, steps
+from .fit import Fit, gauss_newton, of_effect, steps
 from .fold import Side, threaded
 from .library import library
 from .rounds import Round, play, pvalues
@@ -101,11 +101,7 @@ class Attribution:
     @property
     def parameters(self) -> dict[str, dict[str, float]]:
         """Per named effect, its parameters as the first fold has them."""
-        values = self.fits[0].values
-        return {
-            e: {n.partition(".")[2]: v for n, v in values.items() if n.startswith(f"{e}.")}
-            for e in self.named
-        }
+        return {e: of_effect(self.fits[0].values, e) for e in self.named}
 
     @property
     def replication(self) -> dict[str, tuple[float, float]]:

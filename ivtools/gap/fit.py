@@ -106,6 +106,11 @@ class Fit:
         return float(np.sqrt(max(white, few * robust, 0.0)))
 
 
+def of_effect(values: Mapping[str, float], effect: str) -> dict[str, float]:
+    """Return the parameters of an effect by short name, of those of a model."""
+    return {n.partition(".")[2]: v for n, v in values.items() if n.startswith(f"{effect}.")}
+
+
 def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:
     """Return the finite-difference step of every parameter of a loop."""
     out = {}

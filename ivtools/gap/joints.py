@@ -15,12 +15,14 @@ from ..errors import AxisError, EstimationError, IVToolsError
 from ..estimators.instrumental import IDIMIV
 from ..estimators.least_squares import IDIMWLS
 from ..loop import ClosedLoop, RobotLoop
+from ..loop.mechanics import LIGHTEST
 from ..physics import find
 from ..problem import Problem
 from ..record import Record
 from ..results import FitResults
 from .diagnose import diagnose
 from .diagnosis import Diagnosis
+from .fit import of_effect
 from .links import Links, measure
 from .robot_diagnosis import Coupled, RobotDiagnosis
 from .rules import FAINT, ROUNDS, Rules
@@ -119,13 +121,8 @@ def assumed(diagnosis: Diagnosis) -> Diagnosis:
     one = diagnosis.supposed
     if diagnosis.effects or one is None:
         return diagnosis
-    parameters = {one.effect: _own(one.values, one.effect)}
+    parameters = {one.effect: of_effect(one.values, one.effect)}
     return replace(diagnosis, effects=(one.effect,), parameters=parameters, theta=one.values)
-
-
-def _own(values: Mapping[str, float], effect: str) -> dict[str, float]:
-    """Return the parameters of an effect by short name."""
-    return {n.partition(".")[2]: v for n, v in values.items() if n.startswith(f"{effect}.")}
 
 
 def _swing(diagnosis: Diagnosis | None) -> float:
@@ -331,7 +328,7 @@ def _jerked(diagnosis: Diagnosis, part: Alone) -> Array:
 
     Of the forces on the joint as it is simulated, those that accelerate neither drive nor load.
     """
-    loop = part.loop.with_effect("backlash", **_own(diagnosis.theta, "backlash"))
+    loop = part.loop.with_effect("backlash", **of_effect(diagnosis.theta, "backlash"))
     values = loop.values({n: v for n, v in diagnosis.theta.items() if n in loop.names})
     load, more = part.link.T
     sim = loop.simulate(part.record, values, link=part.link)
@@ -343,7 +340,8 @@ def _jerked(diagnosis: Diagnosis, part: Alone) -> Array:
     )
     heavy = values["backlash.load_share"] * values["inertia"]
     drive = values["inertia"] - heavy
-    return np.asarray((tau - against - drive * ddq - load) / np.maximum(heavy + more, 0.1 * heavy))
+    own = np.maximum(heavy + more, LIGHTEST * heavy)
+    return np.asarray((tau - against - drive * ddq - load) / own)
 
 
 def _axis(

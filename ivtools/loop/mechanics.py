@@ -151,7 +151,7 @@ def plain_line(s, p):
 
 _MAX_STEPS = 64
 _MAX_TERMS = 40
-_LIGHTEST = 0.1  # of the mean inertia of a load: what is lighter is not told from its drive
+LIGHTEST = 0.1  # of the mean inertia of a load: what is lighter is not told from its drive
 _REACH = 2.0  # a series converges well over an angle of two radians
 _BRISTLE_REACH = 0.4  # angle of the bristle's vibration in a step
 
@@ -223,7 +223,7 @@ def derive(dt, n, p, on):
 @inlined
 def with_swing(mean, more):
     """Return the inertia of a load that has so much more than its mean, and some in any case."""
-    return max(mean + more, _LIGHTEST * mean)
+    return max(mean + more, LIGHTEST * mean)
 
 
 @inlined
