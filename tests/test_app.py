@@ -233,6 +233,22 @@ def test_work_is_cancelled_and_begun_again(client, server):
     assert rest(client, place)["estimate"]["status"] == "done"
 
 
+def test_a_hold_out_that_comes_during_a_correction_takes_nothing_from_it(client, server, twin):
+    place = opened(client, server)
+    client.post(f"{place}upload/log?name=log.csv", content=german(twin))
+    assert rest(client, place)["look"]["status"] == "done"
+    columns = ("Zeit [s]", "Lage ist [mm]", "Lage soll [mm]", "Stellgröße [V]")
+    signals = ("t", "q", "q_ref", "nu")
+    fields = {f"column-{s}": c for s, c in zip(signals, columns, strict=True)}
+    fields |= {"unit-q": "mm", "unit-q_ref": "mm", "gain": "35.15"}
+    client.post(f"{place}do/correct", json=fields)
+    client.post(f"{place}upload/holdout?name=other.csv", content=german(twin))
+    told = rest(client, place)["look"]
+    assert told["status"] == "done", told["text"]
+    assert "gain = 35.15" in client.get(f"{place}get/axis.toml").text
+    assert "other.csv" in client.get(place).text
+
+
 def test_sessions_know_nothing_of_each_other_and_are_bounded(client, server):
     one, two = opened(client, server), opened(client, server)
     client.post(f"{one}do/twin")

@@ -7,7 +7,7 @@ import re
 import secrets
 import shutil
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import RLock
@@ -115,7 +115,7 @@ class Session:
     def take_holdout(self, file: str, name: str) -> None:
         """Take another record of the same axis; what was found without it goes."""
         with self.lock:
-            self.cancel()
+            self.cancel(("estimate", "diagnose"))  # a look at the log needs no hold-out
             self._drop(self.holdout)
             self.holdout, self.holdout_name = file, name
             self._clear(self.steps["estimate"])
@@ -172,10 +172,10 @@ class Session:
         axis = str(own / "axis.toml") if own is not None and stated else None
         self.start("look", {"fields": dict(fields), "axis": axis})
 
-    def cancel(self) -> None:
-        """Cancel what is in hand."""
+    def cancel(self, steps: Sequence[str] = STEPS) -> None:
+        """Cancel what is in hand of these steps."""
         with self.lock:
-            for step in self.steps.values():
+            for step in (self.steps[name] for name in steps):
                 if step.status == "working" and step.job is not None:
                     step.status, step.text = "cancelled", "Cancelled."
                     job, step.job = step.job, None

@@ -26,9 +26,11 @@
   /* Do something and show what it began; a refusal is told where it was asked for. */
   async function act(section, address, body, kind) {
     fault(section, "");
+    document.body.dataset.at = "work"; // from the click on, not from the answer on
     const [good, answer] = await ask(address, body, kind);
-    if (good) await show(answer);
-    else fault(section, answer.error);
+    if (good) return show(answer);
+    fault(section, answer.error);
+    document.body.dataset.at = document.querySelector("[aria-busy=true]") ? "work" : "rest";
   }
 
   async function show(state) {
@@ -77,14 +79,12 @@
 
   async function upload(what, file) {
     if (!file) return;
-    document.body.dataset.at = "work";
     const size = file.size > 5e6 ? ` (${(file.size / 1e6).toFixed(0)} MB)` : "";
     fault(at("log"), "");
     at("log").querySelector(".work").hidden = false;
     at("log").querySelector(".work p").textContent = `taking ${file.name}${size}`;
     await act(at("log"), `upload/${what}?name=${encodeURIComponent(file.name)}`, file, "application/octet-stream");
     at("log").querySelector(".work").hidden = true;
-    document.body.dataset.at = document.querySelector("[aria-busy=true]") ? "work" : "rest";
   }
 
   document.addEventListener("submit", (event) => {
