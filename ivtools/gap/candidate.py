@@ -177,7 +177,7 @@ class Trial:
             return True
         waves = other_waves(self.before, [f.values[f"{self.name}.period"] for f in self.held])
         better = all(block_t(self._over(w)) > OTHER_WAVE_T for w in waves)
-        return self.unlike > UNLIKE_SMOOTH and better
+        return better and self.unlike > UNLIKE_SMOOTH  # the latter costs more
 
     def _over(self, errors: Sequence[Array]) -> Array:
         """Return by how much it does better than what leaves these errors, by block."""
