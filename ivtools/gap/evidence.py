@@ -45,6 +45,8 @@ class Evidence:
         Share of its gain that no smooth law of the state could have, known or not; 0 to 1.
     evenness : float
         How well the blocks of the records agree in its amplitude: 1 is as well as noise lets them.
+    needed : bool
+        Whether a force without a name predicts held-out data significantly worse without it.
     """
 
     gain: float
@@ -56,6 +58,7 @@ class Evidence:
     explained: float = 1.0
     unlike: float = 1.0
     evenness: float = 1.0
+    needed: bool = True
 
     def to_dict(self) -> dict[str, float]:
         """Return the JSON of the evidence."""
@@ -63,7 +66,11 @@ class Evidence:
 
 
 def evidence(
-    trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit], held: Sequence[Fit] = ()
+    trial: Trial,
+    rivals: Sequence[Trial],
+    base: Sequence[Fit],
+    held: Sequence[Fit] = (),
+    needed: bool = True,
 ) -> Evidence:
     """Return what speaks for the effect of a trial.
 
@@ -76,6 +83,8 @@ def evidence(
         The model without any effect.
     held : sequence of Fit
         The model with all that is named; without it, all that is left may yet get a name.
+    needed : bool
+        Whether a force without a name is significantly worse without the effect.
     """
     whole = max(float(np.mean([b.cost for b in base])) - 1.0, 1e-9)
     return Evidence(
@@ -88,6 +97,7 @@ def evidence(
         explained=1.0 - max(cost(held) - max(lawless(base), UNNAMED), 0.0) / whole if held else 1.0,
         unlike=trial.unlike,
         evenness=trial.evenness(held) if held else 1.0,
+        needed=needed,
     )
 
 
@@ -95,8 +105,7 @@ def features(proof: Evidence) -> dict[str, float]:
     """Return the evidence on the scales on which it adds up."""
     removed = proof.gain * proof.left / max(1.0 - proof.gain, LEAST_EVIDENCE)
     gap = max(removed + max(proof.left - 1.0, 0.0), 1e-9)  # what was left to explain before it
-    full, none = ENOUGH
-    nameless = float(np.clip((full - proof.explained) / (full - none), 0.0, 1.0))
+    nameless = proof.explained < ENOUGH and not proof.needed
     doubt = nameless * (1.0 - proof.unlike)  # a smooth law without a name may be behind it
     return {
         "gain": float(np.log(max(proof.gain, LEAST_EVIDENCE))),
