@@ -1,11 +1,13 @@
 """Which effects earn a name: what one large effect must not hide, and what is not ambiguous."""
 
+from dataclasses import replace
+
 import pytest
 
 import ivtools as iv
 from benchmarks import moves
 from ivtools.gap.evidence import Evidence, probability
-from ivtools.gap.rules import Rules
+from ivtools.gap.rules import LIKELY, Rules
 from ivtools.physics import EFFECTS
 
 SECONDS = 16.0
@@ -72,6 +74,15 @@ def test_evidence_counts_in_the_right_direction():
         {"gain": 0.5},
     ):
         assert probability(Evidence(**{**weak.to_dict(), **better})) > probability(weak)
+
+
+def test_what_is_left_speaks_only_against_a_name_that_a_smooth_law_could_stand_for():
+    proof = Evidence(gain=0.06, t=12.0, disagreement=1.05, rival=0.1, share=0.2, left=1.7,
+                     explained=0.5, unlike=0.1, evenness=0.2, needed=False)  # fmt: skip
+    doubted = probability(proof)
+    assert doubted < LIKELY < probability(replace(proof, needed=True))
+    assert probability(replace(proof, explained=0.95)) == probability(replace(proof, needed=True))
+    assert doubted < probability(replace(proof, unlike=0.9))
 
 
 def test_every_family_has_its_bar():

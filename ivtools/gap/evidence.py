@@ -60,7 +60,7 @@ class Evidence:
     evenness: float = 1.0
     needed: bool = True
 
-    def to_dict(self) -> dict[str, float]:
+    def to_dict(self) -> dict[str, float | bool]:
         """Return the JSON of the evidence."""
         return asdict(self)
 
