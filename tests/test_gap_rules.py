@@ -83,6 +83,7 @@ def test_what_is_left_speaks_only_against_a_name_that_a_smooth_law_could_stand_f
     assert doubted < LIKELY < probability(replace(proof, needed=True))
     assert probability(replace(proof, explained=0.95)) == probability(replace(proof, needed=True))
     assert doubted < probability(replace(proof, unlike=0.9))
+    assert probability(replace(proof, needed=True, evenness=0.03)) < LIKELY
 
 
 def test_every_family_has_its_bar():

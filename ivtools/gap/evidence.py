@@ -11,6 +11,7 @@ from .candidate import Trial
 from .fit import Fit
 from .rules import (
     ENOUGH,
+    EVEN,
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     MOST_DISAGREEMENT,
@@ -105,7 +106,8 @@ def features(proof: Evidence) -> dict[str, float]:
     """Return the evidence on the scales on which it adds up."""
     removed = proof.gain * proof.left / max(1.0 - proof.gain, LEAST_EVIDENCE)
     gap = max(removed + max(proof.left - 1.0, 0.0), 1e-9)  # what was left to explain before it
-    nameless = proof.explained < ENOUGH and not proof.needed
+    needed = proof.needed and proof.evenness > EVEN
+    nameless = proof.explained < ENOUGH and not needed
     doubt = nameless * (1.0 - proof.unlike)  # a smooth law without a name may be behind it
     return {
         "gain": float(np.log(max(proof.gain, LEAST_EVIDENCE))),
