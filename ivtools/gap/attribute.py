@@ -146,19 +146,20 @@ class Attribution:
     def proof(self, r: Round, trial: Trial) -> Evidence:
         """Return what speaks for one of the effects that were tried in a round."""
         others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
-        return evidence(trial, others, self.base, self.full or self.held, self._needed(r))
+        needed = self._needed(self.rounds[: self.rounds.index(r)], trial)
+        return evidence(trial, others, self.base, self.full or self.held, needed)
 
-    def _needed(self, r: Round) -> bool:
-        """Whether a force without a name is significantly worse without what a round has named.
+    def _needed(self, earlier: Sequence[Round], trial: Trial) -> bool:
+        """Whether a force without a name is significantly worse without the effect of a trial.
 
-        That is, beside any model before it, compared with all names.
+        That is, beside any model of the rounds before it, compared with all names.
         """
         if self.laws is None:
             return True
-        earlier = self.rounds[: self.rounds.index(r)]
-        before = [self.base, *(x.best.held for x in earlier if x.best is not None)]
+        before = [self.base, *(r.best.held for r in earlier if r.best is not None)]
         *others, own = (fitted(fits, self.laws) for fits in (*before, self.full or self.held))
-        return all(advantage(self.base, other, own) > DISCREPANCY_T for other in others)
+        least = least_t(trial.gain)
+        return all(advantage(self.base, other, own) > least for other in others)
 
     @cached_property
     def pvalues(self) -> dict[str, float]:
