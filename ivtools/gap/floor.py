@@ -43,6 +43,7 @@ from .rules import (
     PER_COEFFICIENT,
     PERIODIC,
     QUIET,
+    SHOWN,
     SPLIT_HZ,
     SWINGING,
     WINDOW,
@@ -176,16 +177,25 @@ def _project(columns: Array, fit: Fit, raw: Array, keep: Mask) -> Array:
     return rest
 
 
-def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, keep: Mask) -> Array:
-    """Do the same by generalised least squares, on the typical samples only."""
+def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask) -> Array:
+    """Do the same by generalised least squares, on the typical samples only.
+
+    What hardly acts there, as a friction at reversals where each of them is an event, stays: fitted
+    to the little that shows of it, it would be anything where it acts.
+    """
     full = np.zeros((len(raw), fit.J.shape[1]))
     full[fit.fold.keep] = fit.J
     basis = np.column_stack([columns, full])
-    scale = np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
-    basis = basis / scale
-    white = signal.lfilter(whitener, [1.0], np.column_stack([basis, raw]), axis=0)[keep]
+    basis = basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
+    white = signal.lfilter(whitener, [1.0], np.column_stack([basis, raw]), axis=0)
     _require(white)
-    beta = np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-7)[0]
+    A, b = white[:, :-1], white[typical, -1]
+    _, size, turn = np.linalg.svd(A[fit.fold.keep], full_matrices=False)
+    known = size > 1e-7 * size[0]
+    alone = turn[known].T / size[known]  # of unit energy each, and nothing in common
+    seen, share, within = np.linalg.svd(A[typical] @ alone, full_matrices=False)
+    shown = share**2 > SHOWN
+    beta = alone @ (within[shown].T @ (seen[:, shown].T @ b / share[shown]))
     return np.asarray(raw - basis @ beta)
 
 
