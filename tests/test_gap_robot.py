@@ -14,7 +14,7 @@ from ivtools.cli import run
 from ivtools.errors import AxisError
 from ivtools.gap import links
 from ivtools.gap.attribute import Supposed
-from ivtools.gap.fold import Doubt, Fold
+from ivtools.gap.fold import Doubt, Fold, Link
 from ivtools.gap.joints import alone, assumed, heard, identified
 
 
@@ -54,6 +54,14 @@ def test_a_name_that_hardly_lowers_the_error_is_none(found):
     assert not heard(replace(elbow, shrink=worse)).effects
 
 
+def test_a_name_that_other_joints_links_may_have_left_is_none(found):
+    elbow = found["elbow"]
+    unit = sum(floor.whitener[0] ** -2 for floor in elbow.floors)
+    removed = (elbow.chi[0] - elbow.chi[1]) * unit
+    assert heard(elbow, 0.9 * removed) is elbow
+    assert not heard(elbow, 1.1 * removed).effects
+
+
 def test_the_other_joints_say_what_the_links_are():
     """What the elbow says of a wrong link is what was put in, and of the shoulder's own nothing."""
     loop = two_loop()
@@ -79,16 +87,19 @@ def test_doubt_discounts_what_nobody_knows():
     record = iv.datasets.twin()
     rng = np.random.default_rng(0)
     answers = rng.standard_normal((record.n_samples, 2))
-    keep = np.ones(record.n_samples, dtype=bool)
+    keep, nothing = np.ones(record.n_samples, dtype=bool), np.zeros((record.n_samples, 2))
     for precision, left in ((0.0, 0.0), (1e-3 * record.n_samples, 0.032), (1e12, 1.0)):
         doubt = Doubt(record.t, answers, np.zeros(2), precision * np.eye(2))
-        white = Fold(record, keep, doubt=doubt).white(answers[:, 0])
+        white = Fold(record, keep, link=Link(record.t, nothing, doubt)).white(answers[:, 0])
         assert np.linalg.norm(white) / np.linalg.norm(answers[:, 0]) == pytest.approx(
             left, abs=2e-3
         )
     shift = Doubt(record.t, answers, np.array([2.0, 0.0]), 1e12 * np.eye(2))
     values = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
-    plain, moved = (Fold(record, keep, doubt=d).error(loop, values) for d in (None, shift))
+    plain, moved = (
+        Fold(record, keep, link=Link(record.t, nothing, d)).error(loop, values)
+        for d in (None, shift)
+    )
     np.testing.assert_allclose(plain - moved, 2.0 * answers[:, 0], atol=1e-6)
 
 

@@ -293,7 +293,7 @@ def _beginning(fit: Fit, term: Term) -> dict[str, float]:
     A rigid joint that rattles is as heavy as it takes to be jerked; the robot, identified in the
     band of its motion, knows better what it weighs.
     """
-    if term.search == "valleys" and fit.fold.doubt is not None:
+    if term.search == "valleys" and fit.fold.link is not None:
         return {**fit.values, **{n: v for n, v in fit.loop.start.items() if "." not in n}}
     return fit.values
 

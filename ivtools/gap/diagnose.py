@@ -35,7 +35,7 @@ from .confirm import confirm, run
 from .diagnosis import Diagnosis
 from .evidence import cost, probability
 from .fit import Fit, gauss_newton, steps
-from .fold import Doubt, Fold, threaded
+from .fold import Fold, Link, threaded
 from .hanging import hanging
 from .measured import Measured, Ready, folds, masked, measure, prepared
 from .parity import Parity
@@ -68,7 +68,7 @@ def diagnose(
     rules: Rules | None = None,
     extra: Sequence[Term] = (),
     without: Sequence[str] = (),
-    doubts: Sequence[Doubt | None] = (),
+    links: Sequence[Link | None] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Say where a simulation parts from a record, which effect it lacks, and how far that closes.
@@ -98,8 +98,8 @@ def diagnose(
         Effects of your own that take part.
     without : sequence of str
         Effects to leave out of the library.
-    doubts : sequence of Doubt or None
-        Of the record, the holdout and the judge: what is not known of their loads.
+    links : sequence of Link or None
+        Of the record, the holdout and the judge, where the axis is a joint of a robot.
     progress : callable, optional
         Called with a line of text at each stage.
 
@@ -129,7 +129,7 @@ def diagnose(
     ) -> Diagnosis:
         third = judge if simulated is None else None  # of the axis itself, not of a difference
         whole = simulated is not None
-        more = (tolerance, tuple(extra), tuple(without), tuple(doubts), whole, described)
+        more = (tolerance, tuple(extra), tuple(without), tuple(links), whole, described)
         task = _Task(one, loop, other, third, *more)
         kept = rules or Rules()
         return _diagnose(task, kept if named else replace(kept, most=0), progress or _mute)
@@ -159,7 +159,7 @@ class _Task(NamedTuple):
     tolerance: float
     extra: tuple[Term, ...]
     without: tuple[str, ...]
-    doubts: tuple[Doubt | None, ...] = ()
+    links: tuple[Link | None, ...] = ()
     whole: bool = False  # whether the final model is fitted to all of the record
     described: bool = True  # whether a force without a name is described
 
@@ -246,12 +246,12 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
         return _refused(record, loop, checked, [*found, *law])
     say("base model and floor")
     try:
-        doubts = [*task.doubts, *[None] * 3]
+        links = [*task.links, *[None] * 3]
         ready = [
-            prepared(r, p, records)._replace(doubt=d)
-            for r, p, d in zip(records, checked, doubts, strict=False)
+            prepared(r, p, records)._replace(link=link)
+            for r, p, link in zip(records, checked, links, strict=False)
         ]
-        third = None if task.judge is None else _judging(task.judge, loop, records, doubts[2])
+        third = None if task.judge is None else _judging(task.judge, loop, records, links[2])
         loop = _alike(preflight.told_apart(records, loop), ready[0])
         measured = _confirmed(loop, _measured(ready))
     except IVToolsError as error:
@@ -282,11 +282,11 @@ def _inspected(
 
 
 def _judging(
-    judge: Record, loop: ClosedLoop, records: Sequence[Record], doubt: Doubt | None
+    judge: Record, loop: ClosedLoop, records: Sequence[Record], link: Link | None
 ) -> Measured:
     """Return the record that takes part in nothing, measured as the others are."""
     ready = prepared(judge, parity.check(judge, loop), records)
-    return measure(ready._replace(doubt=doubt))
+    return measure(ready._replace(link=link))
 
 
 def _alike(loop: ClosedLoop, one: Ready) -> ClosedLoop:
@@ -313,7 +313,7 @@ def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measur
         ):
             plain = replace(m.base.loop, controller=replace(loop.controller, delay=p.delay))
             p = replace(p, loop=plain, mismatch={}, tvalues={}, after=p.before, taken=False)
-            again = Ready(_as_recorded(m), plain, p, m.fold.place, doubt=m.fold.doubt)
+            again = Ready(_as_recorded(m), plain, p, m.fold.place, link=m.fold.link)
             m = measure(again)
         kept.append(m)
     return tuple(kept)

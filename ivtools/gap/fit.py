@@ -143,7 +143,7 @@ def jacobian(
     loop's linear response; one that changes the structure is simulated once more, and so is every
     one where a robot's link is behind a second mass: the response is that of a rigid joint.
     """
-    rigid = fold.doubt is None or not any(t.search == "valleys" for t in loop.terms)
+    rigid = fold.link is None or not any(t.search == "valleys" for t in loop.terms)
     owner = {n: (t, i) for t in loop.terms for i, n in enumerate(t.names)}
     forces, J = {}, np.empty((len(e), len(free)))
     for column, name in enumerate(free):

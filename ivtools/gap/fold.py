@@ -54,24 +54,40 @@ class Doubt:
         What the command, N or N m, answers to a unit of each size.
     mean, precision : ndarray, (m,) and (m, m)
         What is known of the sizes from elsewhere; a precision of 0 is nothing.
-    link : ndarray, (n_samples, 2), optional
-        The load at a second mass, and what inertia that has beyond its mean; see
-        `ClosedLoop.simulate`.
     """
 
     t: Array
     answers: Array
     mean: Array
     precision: Array
-    link: Array | None = None
 
     def on(self, record: Record) -> Array:
         """Return the answers on that record, or a part of it, (n_samples, m)."""
         return self.answers[np.searchsorted(self.t, record.t)]
 
-    def linked(self, record: Record) -> Array | None:
-        """Return `link` on that record, or a part of it, (n_samples, 2)."""
-        return None if self.link is None else self.link[np.searchsorted(self.t, record.t)]
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """The link that a joint of a robot moves, beside the known load of the joint's record.
+
+    Parameters
+    ----------
+    t : ndarray, (n_samples,)
+        Time of the record, s.
+    felt : ndarray, (n_samples, 2)
+        The load at a second mass, N or N m, and what inertia that has beyond its mean; see
+        `ClosedLoop.simulate`.
+    doubt : Doubt, optional
+        What is not known of the load.
+    """
+
+    t: Array
+    felt: Array
+    doubt: Doubt | None = None
+
+    def on(self, record: Record) -> Array:
+        """Return what is felt on that record, or a part of it, (n_samples, 2)."""
+        return self.felt[np.searchsorted(self.t, record.t)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +108,8 @@ class Fold:
         Where forces that depend on the position act, if not where the simulation is.
     ramp : bool
         Whether an added input goes straight from sample to sample; else it is held.
-    doubt : Doubt, optional
-        What is not known of the load: every error counts as much as that leaves of it.
+    link : Link, optional
+        Of a robot's joint; what is not known of its load discounts the errors.
     smooth : float
         Whitened energy that smooth laws of the state leave beside the base model. Noise that is
         larger here than there leaves more than 1, and no law explains that.
@@ -106,13 +122,18 @@ class Fold:
     label: str = "record"
     place: Array | None = None
     ramp: bool = False
-    doubt: Doubt | None = None
+    link: Link | None = None
     smooth: float = 1.0
 
     @property
     def n_kept(self) -> int:
         """Number of samples that count."""
         return int(self.keep.sum())
+
+    @property
+    def doubt(self) -> Doubt | None:
+        """What is not known of the load."""
+        return None if self.link is None else self.link.doubt
 
     @cached_property
     def blocks(self) -> NDArray[np.int_]:
@@ -170,7 +191,7 @@ class Fold:
 
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""
-        link = None if self.doubt is None else self.doubt.linked(self.record)
+        link = None if self.link is None else self.link.on(self.record)
         ramp = self.ramp and self.place is not None
         return loop.simulate(self.record, values, place=self.place, link=link, ramp=ramp)
 

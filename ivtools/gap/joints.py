@@ -16,22 +16,24 @@ from ..estimators.instrumental import IDIMIV
 from ..estimators.least_squares import IDIMWLS
 from ..loop import ClosedLoop, RobotLoop
 from ..loop.mechanics import LIGHTEST
-from ..physics import find
+from ..physics import EFFECTS, find
 from ..problem import Problem
 from ..record import Record
 from ..results import FitResults
 from .diagnose import diagnose
 from .diagnosis import Diagnosis
 from .fit import of_effect
+from .fold import Link
 from .links import Links, measure
 from .robot_diagnosis import Coupled, RobotDiagnosis
-from .rules import FAINT, ROUNDS, Rules
+from .rules import FAINT, ROUNDS, SWUNG, Rules
 from .verdict import lowers
 
 Array = NDArray[np.float64]
 
 _POSES = 50  # at which the mean inertia of a joint is taken
-_TWO_MASSES = ("flexibility", "backlash")  # which a RobotLoop cannot have
+#: Which a RobotLoop cannot have.
+_TWO_MASSES = tuple(name for name, term in EFFECTS.items() if term.slot == "second mass")
 
 
 def diagnose_robot(
@@ -91,12 +93,13 @@ def diagnose_robot(
             name = loop.joints[j]
             say(f"joint {name}" + (", beside the other joints' effects" if again else ""))
             own = named[name].effects if name in named else ()
-            less = soft and _bends(j, told, better, settings, own, soft, found[name].chi[0])
-            beside = {**soft} if less else {}
+            swung = _swung(j, told, better, settings, own, soft, found[name]) if soft else 0.0
+            beside = {**soft} if swung > 0.0 else {}
             if again and not found[name].effects and _swing(found[name]) > 0.0:
                 beside[name] = assumed(found[name])
             if not again or beside or better is not plain:  # else nothing is new
-                found[name] = _joint(j, told, better, settings, own, beside)
+                now = _joint(j, told, better, settings, own, beside)
+                found[name] = heard(now, SWUNG * max(swung, 0.0))
             if again and _swing(found[name]) > 0.0:
                 soft[name] = assumed(found[name])
         told_of = found if again + 1 == ROUNDS else {n: assumed(d) for n, d in found.items()}
@@ -171,41 +174,56 @@ def _joint(
     name = fit.problem.loop.joints[j]  # type: ignore[union-attr]
     parts = [alone(j, one, fit, without, soft) for one in told]
     other = parts[1].record if len(parts) > 1 else None
-    doubts = [
-        None if links is None else replace(links.doubt(name), link=part.link)
+    behind = [
+        Link(part.record.t, part.link, None if links is None else links.doubt(name))
         for links, part in zip(told.values(), parts, strict=True)
     ]
-    return heard(diagnose(parts[0].record, parts[0].loop, other, doubts=doubts, **settings))
+    return heard(diagnose(parts[0].record, parts[0].loop, other, links=behind, **settings))
 
 
-def _bends(
+def _swung(
     j: int,
     told: Mapping[Record, Links | None],
     fit: FitResults,
     settings: Mapping[str, Any],
     without: Sequence[str],
     soft: Mapping[str, Diagnosis],
-    before: float,
-) -> bool:
-    """Whether the gap of a joint is smaller where other joints have their two masses.
+    before: Diagnosis,
+) -> float:
+    """Return how much less of a joint's command is unforeseen where others have two masses.
 
-    Then some of it was the swing of their links.
+    That much of it was the swing of their links; not if it is negative.
     """
     bare = {**settings, "rules": replace(settings.get("rules") or Rules(), most=0)}
-    return _joint(j, told, fit, bare, without, soft).chi[0] < before
+    beside = _joint(j, told, fit, bare, without, soft)
+    return before.chi[0] * _surprise(before) - beside.chi[0] * _surprise(beside)
 
 
-def heard(diagnosis: Diagnosis) -> Diagnosis:
+def _surprise(diagnosis: Diagnosis) -> float:
+    """Return the energy, N2 or (N m)2, of what is new in a joint's noise from sample to sample.
+
+    It is the unit of a whitened error, and another one where the joint's load is another.
+    """
+    return sum(floor.whitener[0] ** -2 for floor in diagnosis.floors)
+
+
+def heard(diagnosis: Diagnosis, swung: float = 0.0) -> Diagnosis:
     """Return a diagnosis without names that hardly lower the error.
 
     The load comes from the measured motion and estimated links, so it is a little wrong; an effect
-    that lowers the joint's error by less than `FAINT` may be that.
+    that lowers the joint's error by less than `FAINT` may be that. The swing of other joints' links
+    is known to a share of it: what removes less energy than `swung`, N2 or (N m)2, may be the rest.
     """
-    s = diagnosis.shrink
-    if not diagnosis.effects or s is None or lowers(s, True, diagnosis.chi[0] - diagnosis.chi[1]):
+    s, removed = diagnosis.shrink, diagnosis.chi[0] - diagnosis.chi[1]
+    if not diagnosis.effects or s is None:
         return diagnosis
     names = ", ".join(diagnosis.effects)
-    said = f"{names} would lower the force error by less than {100 * FAINT:g} %: not named"
+    if removed * _surprise(diagnosis) < swung:
+        said = f"{names} would remove less than the links of other joints may have left: not named"
+    elif not lowers(s, True, removed):
+        said = f"{names} would lower the force error by less than {100 * FAINT:g} %: not named"
+    else:
+        return diagnosis
     return replace(
         diagnosis,
         verdict="adequate" if diagnosis.negligible else "unexplained",
@@ -300,13 +318,12 @@ def _link(diagnosis: Diagnosis, part: Alone, dq: Array) -> tuple[Array, Array]:
     """
     record = part.record
     assert record.load is not None
-    values, q = diagnosis.theta, record.q[:, 0]
     effect = next(e for e in _TWO_MASSES if e in diagnosis.effects)
-    hz = values["backlash.contact_hz" if effect == "backlash" else "flexibility.frequency_hz"]
-    share = values[f"{effect}.load_share"]
-    w = 2.0 * np.pi * hz
-    drag, pull = 2.0 * values[f"{effect}.damping"] * w * (1.0 - share), w * w * (1.0 - share)
-    pulled = record.load[:, 0] / (share * values["inertia"])
+    own, q = of_effect(diagnosis.theta, effect), record.q[:, 0]
+    hz = next(own[p.name] for p in EFFECTS[effect].parameters if p.unit == "Hz")
+    w, share, gap = 2.0 * np.pi * hz, own["load_share"], own.get("gap", 0.0)
+    drag, pull = 2.0 * own["damping"] * w * (1.0 - share), w * w * (1.0 - share)
+    pulled = record.load[:, 0] / (share * diagnosis.theta["inertia"])
 
     def swung(x: Array, top: Sequence[float]) -> Array:
         """Return a signal behind the spring and the mass of the link, as if it had been steady."""
@@ -318,18 +335,18 @@ def _link(diagnosis: Diagnosis, part: Alone, dq: Array) -> tuple[Array, Array]:
     ahead = swung(q, twice)
     behind = ahead + swung(pulled, (1.0,))
     ddq = pull * ahead + drag * swung(dq, twice) - swung(pulled, twice)
-    gap = 0.5 * values.get("backlash.gap", 0.0) * np.sign(pulled + ddq)
-    jerked = _jerked(diagnosis, part) if effect == "backlash" else ddq
-    return q - behind - gap, jerked if np.isfinite(jerked).all() else ddq
+    jerked = _jerked(effect, diagnosis.theta, part) if gap > 0.0 else ddq
+    side = 0.5 * gap * np.sign(pulled + ddq)
+    return q - behind - side, jerked if np.isfinite(jerked).all() else ddq
 
 
-def _jerked(diagnosis: Diagnosis, part: Alone) -> Array:
+def _jerked(effect: str, theta: Mapping[str, float], part: Alone) -> Array:
     """Return the acceleration of a link behind a gap, (n_samples,).
 
     Of the forces on the joint as it is simulated, those that accelerate neither drive nor load.
     """
-    loop = part.loop.with_effect("backlash", **of_effect(diagnosis.theta, "backlash"))
-    values = loop.values({n: v for n, v in diagnosis.theta.items() if n in loop.names})
+    loop = part.loop.with_effect(effect, **of_effect(theta, effect))
+    values = loop.values({n: v for n, v in theta.items() if n in loop.names})
     load, more = part.link.T
     sim = loop.simulate(part.record, values, link=part.link)
     q, dq, ddq, tau = sim.q[:, 0], sim.dq[:, 0], sim.ddq[:, 0], sim.tau[:, 0]
@@ -338,7 +355,7 @@ def _jerked(diagnosis: Diagnosis, part: Alone) -> Array:
         for t in loop.terms
         if t.law is not None and t.name != "inertia"
     )
-    heavy = values["backlash.load_share"] * values["inertia"]
+    heavy = values[f"{effect}.load_share"] * values["inertia"]
     drive = values["inertia"] - heavy
     own = np.maximum(heavy + more, LIGHTEST * heavy)
     return np.asarray((tau - against - drive * ddq - load) / own)

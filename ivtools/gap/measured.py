@@ -16,7 +16,7 @@ from ..record import Record
 from . import floor, preflight, pull, response
 from .fit import Fit, gauss_newton, start, steps
 from .floor import Floor
-from .fold import Doubt, Fold, Side, usable
+from .fold import Fold, Link, Side, usable
 from .library import Scales
 from .parity import Parity
 from .rules import AGAIN, BEYOND, COMMON, PARITY_POOR, STRETCHES
@@ -60,7 +60,7 @@ class Ready(NamedTuple):
     place: Array | None = None
     driven: bool = False  # by the recorded command
     ramp: bool = False
-    doubt: Doubt | None = None
+    link: Link | None = None
 
 
 def prepared(record: Record, checked: Parity, records: Sequence[Record]) -> Ready:
@@ -79,7 +79,7 @@ def prepared(record: Record, checked: Parity, records: Sequence[Record]) -> Read
 
 def measure(ready: Ready) -> Measured:
     """Fit the base model, and learn the floor."""
-    record, loop, checked, place, driven, ramp, doubt = ready
+    record, loop, checked, place, driven, ramp, link = ready
     if not driven and record.added is not None and "added" in checked.mismatch:
         record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
     scales = Scales(record, loop)
@@ -104,8 +104,9 @@ def measure(ready: Ready) -> Measured:
             "added to [model] terms"
         )
     level = floor.measure(fit, heard, left)
-    smooth = level.generic if doubt is None else 1.0  # what is not known counts as noise
-    fold = replace(fold, whitener=level.whitener, doubt=doubt, smooth=smooth)
+    fold = replace(fold, whitener=level.whitener, link=link)
+    if fold.doubt is None:  # else what is not known counts as noise
+        fold = replace(fold, smooth=level.generic)
     fit = gauss_newton(fold, loop, fit.values, free, step)
     rough = float(np.mean(level.event_mask))
     return Measured(Side(fold, heard, scales, rough), fit, level, checked, driven)

@@ -400,6 +400,9 @@ FAINT = 0.005
 #: Share of a link's force on a joint that the joint's own inertia and frictions do not have, below
 #: which it is theirs (numerics).
 OWN = 1e-3
+#: Share of what the swing of other joints' links takes from a joint's error to which it is known
+#: (training: it leaves 0.002 to 0.01 of it on joints that lack nothing).
+SWUNG = 0.02
 #: Times that the joints of a robot are diagnosed at most, beside what was named before (cost).
 ROUNDS = 2
 #: Of the largest singular value: what is below is nothing (numerics: rounding of a product).
