@@ -1,10 +1,14 @@
 """How effects are looked for: boxes, valleys, shapes, and records of different strokes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import ivtools as iv
 from benchmarks import moves
+from ivtools.gap import candidate
+from ivtools.gap.floor import _refit
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
 from ivtools.gap.rules import SWINGING
@@ -58,6 +62,33 @@ def test_a_backlash_before_a_load_without_friction_is_found():
     gap = iv.diagnose(one, iv.axes.emps(), two)
     assert gap.effects == ("backlash",)
     assert gap.parameters["backlash"]["gap"] == pytest.approx(true["gap"], rel=0.05)
+
+
+def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatch):
+    """It goes on where the best of its first generation is, if only by a tenth."""
+    calls, side = {}, SimpleNamespace(scales=scales, fold=None)
+    for best in (0.9, 1.0):
+
+        def cost(point, best=best):
+            calls[best] = calls.get(best, 0) + 1
+            return 1.0 if point is None else best + abs(np.log(point["gap"] / 1e-4))
+
+        monkeypatch.setattr(candidate, "_cost", lambda *_, cost=cost: cost)
+        candidate._deepest((side, side), (None, None), EFFECTS["backlash"])
+    assert 2 * 256 < calls[1.0] < 0.8 * calls[0.9]
+
+
+def test_a_law_that_typical_samples_hardly_show_is_not_fitted_to_them():
+    """It would be a thousand times too large where it acts."""
+    rng = np.random.default_rng(0)
+    typical = np.arange(4000) < 3000
+    shown = np.sin(0.01 * np.arange(4000))
+    hidden = np.where(typical, 1e-4 * rng.standard_normal(4000), 1.0)
+    raw = 2.0 * shown + rng.standard_normal(4000)
+    everywhere = SimpleNamespace(keep=np.ones(4000, dtype=bool))
+    fit = SimpleNamespace(J=np.ones((4000, 1)), fold=everywhere)
+    rest = _refit(np.column_stack([shown, hidden]), fit, raw, np.ones(1), typical)
+    assert np.std(rest) == pytest.approx(1.0, rel=0.05)
 
 
 def test_a_swing_is_found_in_noise():

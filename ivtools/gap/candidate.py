@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, differential_evolution
+from scipy.optimize import Bounds, OptimizeResult, differential_evolution
 from scipy.stats import qmc
 
 from ..loop import ClosedLoop
@@ -21,6 +21,7 @@ from .rules import (
     CROWD,
     FIRST_CROWD,
     GENERATIONS,
+    HOPELESS,
     MUTATION,
     OTHER_WAVE_T,
     RECOMBINATION,
@@ -216,9 +217,11 @@ class Trial:
 
 def attempt(
     sides: tuple[Side, ...], fits: tuple[Fit, ...], before: tuple[Fit, ...], scores: list[Score]
-) -> Trial:
-    """Fit an effect on each fold, and judge it on the other."""
+) -> Trial | None:
+    """Fit an effect on each fold, and judge it on the other; None if there is nothing to fit."""
     term, begin = scores[0].term, starts(sides, fits, scores)
+    if not all(begin):
+        return None
     new = tuple(_extended(s, f, term, b) for s, f, b in zip(sides, fits, begin, strict=True))
     deep = any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True))
     if term.search == "valleys" and deep:  # either side may have come deeper
@@ -330,7 +333,7 @@ Point = dict[str, float]
 def starts(
     sides: tuple[Side, ...], fits: tuple[Fit, ...], scores: list[Score]
 ) -> tuple[list[Point], ...]:
-    """Return, per fold, the values from which an effect is fitted, by short name.
+    """Return, per fold, the values from which an effect is fitted, by short name; or none.
 
     Parameters
     ----------
@@ -342,14 +345,16 @@ def starts(
     """
     term = scores[0].term
     if term.search == "valleys":
-        return ([_deepest(sides, fits, term)],) * len(sides)
+        return (_deepest(sides, fits, term),) * len(sides)
     if term.search == "either":
         return tuple(alternatives(term, s.scales) for s in sides)
     return tuple(s.starts for s in scores)
 
 
-def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> Point:
+def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:
     """Return the point with the least error on both folds together, by differential evolution.
+
+    None where each is worse than no effect at all.
 
     A valley that is too narrow for gradients is at the same place in both folds, and the false
     ones are not; it is as narrow in a part of the record as in all of it, and wider the shorter
@@ -359,13 +364,19 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> Poin
     """
     box = Box(term, sides[0].scales)
     costs = [_cost(s.fold, f, term) for s, f in zip(sides, fits, strict=True)]
+    plain = sum(c(None) for c in costs)
 
     def cost(x: Array) -> float:
         """Return the cost of a point of the unit cube."""
         return sum(c(box.point(x)) for c in costs)
 
+    def hopeless(intermediate_result: OptimizeResult) -> None:
+        """End a search that begins with nothing better than no effect at all."""
+        if intermediate_result.fun > HOPELESS * plain:
+            raise StopIteration
+
     with ThreadPoolExecutor(2) as pool:
-        drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(FIRST_CROWD)
+        drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(box.dimensions + FIRST_CROWD)
         order = np.argsort(list(pool.map(cost, drawn)), kind="stable")
         found = differential_evolution(
             cost,
@@ -377,13 +388,17 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> Poin
             polish=False,
             updating="deferred",
             workers=pool.map,
+            callback=hopeless,
             rng=1,
         )
-    return box.point(found.x)
+    return [box.point(found.x)] if found.fun <= plain else []
 
 
-def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point], float]:
-    """Return the cost of a point on the worst stretch of a fold, the base tuned to first order."""
+def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
+    """Return the cost of a point on the worst stretch of a fold, the base tuned to first order.
+
+    That of no point is what there is without the effect.
+    """
     rows = _worst(fold, fit.e)
     part = fold.stretch(rows.start, rows.stop)
     J = fit.J[np.sum(fold.keep[: rows.start]) :][: part.n_kept]
@@ -391,9 +406,12 @@ def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point], float]:
     loop = fit.loop.with_effect(term)
     base = loop.values(_beginning(fit, term))
 
-    def cost(point: Point) -> float:
+    def cost(point: Point | None) -> float:
         """Return the mean square of the whitened error."""
-        e = part.error(loop, {**base, **{f"{term.name}.{k}": v for k, v in point.items()}})
+        if point is None:
+            e = part.error(fit.loop, fit.values)
+        else:
+            e = part.error(loop, {**base, **{f"{term.name}.{k}": v for k, v in point.items()}})
         return float(e @ e - np.sum((Q.T @ e) ** 2)) / len(e)
 
     return cost

@@ -187,7 +187,8 @@ def _tried(
     def fit(names: list[str]) -> float:
         """Try some effects; return the largest gain that reaches its threshold so far."""
         tasks = [[f[n] for f in found] for n in names]
-        tried.extend(threaded(lambda scores: attempt(sides, fits, held, scores), tasks))
+        made = threaded(lambda scores: attempt(sides, fits, held, scores), tasks)
+        tried.extend(trial for trial in made if trial is not None)
         return _largest(tried, rules)
 
     best = fit(chosen[:2])
