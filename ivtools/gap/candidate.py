@@ -244,11 +244,18 @@ def _onwards(side: Side, own: Fit, held: Fit) -> Fit:
 
 
 def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
-    """Return the better of a fit that goes on, and one that starts with the other fold's effect."""
+    """Return the better of a fit that goes on, and one that starts with the other fold's effect.
+
+    A nuisance between its bounds, which the search chose of a few values, is fitted as well: what
+    it should have been would be in all others.
+    """
     step = steps(side.fold, own.loop, side.scales)
     from_other = {**own.values, **{n: other.values[n] for n in term.names}}
+    pairs = zip(term.names, term.parameters, strict=True)
+    loose = (n for n, p in pairs if p.nuisance and p.lower < own.values[n] < p.upper)
+    free = [*own.free, *loose]
     both = (
-        gauss_newton(side.fold, own.loop, start, own.free, step, VALLEY_STEPS)
+        gauss_newton(side.fold, own.loop, start, free, step, VALLEY_STEPS)
         for start in (own.values, from_other)
     )
     return min(both, key=lambda f: f.cost)
