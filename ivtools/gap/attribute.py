@@ -270,11 +270,10 @@ def _outdone(
     plain, both : Spline
         Of what either leaves.
     """
-    nameless = float(np.mean([np.mean(e**2) for e in plain.left]))
-    saved = cost(held) - nameless
+    saved = cost(held) - plain.cost
     alone = Spline((), (), 0.0, tuple(beside(h, h.e[:, None])[:, 0] for h in held))
     return (
-        saved > rules.equivalence_open * (cost(base) - nameless)
+        saved > rules.equivalence_open * (cost(base) - plain.cost)
         and advantage(base, alone, plain) > least_t(saved / cost(held))
         and advantage(base, plain, both) < DISCREPANCY_T
     )

@@ -200,6 +200,11 @@ class Spline:
     gain: float
     left: tuple[Array, ...]
 
+    @property
+    def cost(self) -> float:
+        """Mean square of the whitened error that it leaves, mean of the folds."""
+        return float(np.mean([np.mean(e**2) for e in self.left]))
+
 
 def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
     """Return the spline that predicts the other fold best.
