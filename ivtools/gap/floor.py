@@ -190,12 +190,13 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     white = signal.lfilter(whitener, [1.0], np.column_stack([basis, raw]), axis=0)
     _require(white)
     A, b = white[:, :-1], white[typical, -1]
-    _, size, turn = np.linalg.svd(A[fit.fold.keep], full_matrices=False)
+    _, size, turn = np.linalg.svd(np.linalg.qr(A[fit.fold.keep], mode="r"))
     known = size > 1e-7 * size[0]
     alone = turn[known].T / size[known]  # of unit energy each, and nothing in common
-    seen, share, within = np.linalg.svd(A[typical] @ alone, full_matrices=False)
-    shown = share**2 > SHOWN
-    beta = alone @ (within[shown].T @ (seen[:, shown].T @ b / share[shown]))
+    B = A[typical] @ alone
+    share, within = np.linalg.eigh(B.T @ B)  # of their energy
+    shown = share > SHOWN
+    beta = alone @ (within[:, shown] @ (within[:, shown].T @ (B.T @ b) / share[shown]))
     return np.asarray(raw - basis @ beta)
 
 
