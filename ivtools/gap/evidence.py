@@ -16,6 +16,7 @@ from .rules import (
     LEAST_EVIDENCE,
     MOST_DISAGREEMENT,
     SUREST,
+    UNLIKE_SMOOTH,
     UNNAMED,
     WEIGHTS,
 )
@@ -106,9 +107,9 @@ def features(proof: Evidence) -> dict[str, float]:
     """Return the evidence on the scales on which it adds up."""
     removed = proof.gain * proof.left / max(1.0 - proof.gain, LEAST_EVIDENCE)
     gap = max(removed + max(proof.left - 1.0, 0.0), 1e-9)  # what was left to explain before it
-    needed = proof.needed and proof.evenness > EVEN
-    nameless = proof.explained < ENOUGH and not needed
-    doubt = nameless * (1.0 - proof.unlike)  # a smooth law without a name may be behind it
+    told = proof.unlike > UNLIKE_SMOOTH or (proof.needed and proof.evenness > EVEN)
+    nameless = proof.explained < ENOUGH and not told  # a smooth law without a name may be behind it
+    doubt = nameless * (1.0 - proof.unlike)
     return {
         "gain": float(np.log(max(proof.gain, LEAST_EVIDENCE))),
         "t": float(np.log(max(proof.t, 1.0))),
