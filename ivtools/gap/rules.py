@@ -337,7 +337,8 @@ POSITION_KNOTS = 16
 #: The same at least, of a law without room for a line's periods: of two or three nobody can tell
 #: whether they are a line (judgement), and at most, of bumps as short as a period (numerics).
 LEAST_KNOTS, MOST_KNOTS = 8, 64
-#: Share of what lies over position that must be a line, not a law of the state (training).
+#: Share of an effect that no smooth law could have from which none is behind its name; a line over
+#: position must have it (training).
 UNLIKE_SMOOTH = 0.5
 #: Block t value by which an effect periodic over position must do better than periodic friction,
 #: which is no effect (training: true ones reach 3, seeds 310 to 312).
