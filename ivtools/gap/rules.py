@@ -199,8 +199,8 @@ FULL, FULL_EVENT = 0.8, 0.95
 #: Samples per coefficient of the noise model in quiet windows, or all count (theory).
 PER_COEFFICIENT = 20
 #: Share of the energy of a smooth law that typical samples must show for it to be fitted to them
-#: (training: a joint beside one that rattles, 1e-5 to 0.01 do the same).
-SHOWN = 1e-3
+#: (training: a joint beside one that rattles, 1e-5 to 0.01 do the same; the least changes fewest).
+SHOWN = 1e-5
 #: Width of the lag window that keeps the noise model stable, per sample, and its largest root
 #: (numerics: the spectrum is smoothed over a hundredth of the rate).
 LAG_WINDOW, LARGEST_ROOT = 0.02, 0.999
