@@ -8,7 +8,8 @@ import pytest
 
 import ivtools as iv
 from ivtools.cli import run
-from ivtools.gap import parity, plausible, preflight
+from ivtools.gap import parity, preflight
+from ivtools.gap.preflight import plausible
 from ivtools.loop import Controller
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}

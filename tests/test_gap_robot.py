@@ -12,10 +12,9 @@ import ivtools as iv
 from benchmarks.withheld.robots import simulated, split
 from ivtools.cli import run
 from ivtools.errors import AxisError
-from ivtools.gap import links
 from ivtools.gap.attribute import Supposed
 from ivtools.gap.fold import Doubt, Fold, Link
-from ivtools.gap.joints import alone, assumed, heard, identified
+from ivtools.gap.robot import alone, assumed, heard, identified, links
 
 
 def measured(loop, seed, noise=2e-5, seconds=12.0):

@@ -6,7 +6,7 @@ import pytest
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap.evidence import Evidence, probability
+from ivtools.gap.attribute import Evidence, probability
 from ivtools.gap.rules import LIKELY, Rules
 from ivtools.physics import EFFECTS
 

@@ -8,7 +8,7 @@ import pytest
 import ivtools as iv
 from benchmarks import moves
 from ivtools.gap import candidate
-from ivtools.gap.floor import _refit
+from ivtools.gap.floor.floor import _refit
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
 from ivtools.gap.rules import SWINGING

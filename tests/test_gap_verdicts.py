@@ -10,12 +10,11 @@ from scipy import signal
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap.attribute import _outdone
-from ivtools.gap.discrepancy import Spline
+from ivtools.gap.attribute.selection import _outdone
+from ivtools.gap.discrepancy import Basis, Columns, Spline
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
 from ivtools.gap.rules import Rules
-from ivtools.gap.smooth import Basis, Columns
 from ivtools.gap.verdict import lowers
 from ivtools.linalg.swing import Swing
 from ivtools.physics import Parameter, Term

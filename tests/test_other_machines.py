@@ -10,7 +10,7 @@ from conftest import measured
 from ivtools import IDIMIV, IDIMLS, Pipeline, Problem, axes, datasets
 from ivtools.errors import IVToolsError
 from ivtools.gap import Diagnosis, diagnose
-from ivtools.gap.hanging import hanging
+from ivtools.gap.preflight import hanging
 from ivtools.loop.controllers import Seen
 from ivtools.loop.rough_inertia import shown_inertia
 from ivtools.record import Record

@@ -7,7 +7,7 @@ import pytest
 
 from ivtools import Problem
 from ivtools.errors import AxisError
-from ivtools.gap.plausible import doubts
+from ivtools.gap.preflight import doubts
 from ivtools.loop import ClosedLoop
 from ivtools.loop import rough_inertia as module
 from ivtools.loop.controllers import Controller

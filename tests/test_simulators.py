@@ -7,7 +7,7 @@ import pytest
 
 import ivtools as iv
 from ivtools.errors import DataError, IVToolsError, RecordError
-from ivtools.gap.confirm import confirm
+from ivtools.gap.simulator import confirm
 from ivtools.simulators.difference import difference, together
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}

@@ -47,7 +47,7 @@ def candidates(task: Task) -> list[dict[str, Any]]:
 
 
 def _rows(task: Task, found: Any) -> Iterator[dict[str, Any]]:
-    from ivtools.gap.evidence import cost
+    from ivtools.gap.attribute import cost
 
     for r in found.rounds:
         if not r.trials:
@@ -63,7 +63,7 @@ def fit(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Return the weights of a logistic regression with a small ridge."""
     from scipy.optimize import minimize
 
-    from ivtools.gap.evidence import Evidence, features
+    from ivtools.gap.attribute import Evidence, features
 
     names = list(features(Evidence(0.1, 10.0, 1.0, 0.0, 0.1, 1.0)))
     X = np.array([[features(_evidence(r))[n] for n in names] for r in rows])
@@ -82,7 +82,7 @@ def fit(rows: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def _evidence(row: dict[str, Any]) -> Any:
-    from ivtools.gap.evidence import Evidence
+    from ivtools.gap.attribute import Evidence
 
     return Evidence(**{n: row[n] for n in Evidence.__dataclass_fields__})
 

@@ -46,7 +46,7 @@ def load(
     """
     exists(record, axis, robot)
     from ivtools import datasets
-    from ivtools.gap.plausible import doubts
+    from ivtools.gap.preflight import doubts
 
     if robot is not None:
         return _load_robot(record, robot, axis, data, friction, known)

@@ -137,7 +137,7 @@ def _one(
         if one is not None:
             exists(one, axis or own_axis(name))
     from ivtools.gap import diagnose as find_gap
-    from ivtools.gap.changes import changes_table
+    from ivtools.gap.simulator import changes_table
 
     measured, loop = load(name, axis, data, known=False)
     if simulated[0] is None and simulated[1] is not None:

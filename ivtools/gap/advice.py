@@ -17,9 +17,9 @@ from ..record import Record
 from . import response as responses
 from .attribute import Attribution
 from .fit import Fit, jacobian, steps
+from .floor import Measured
 from .fold import usable
 from .library import Scales
-from .measured import Measured
 from .rules import BETTER_MOTION, REMARK
 
 Array = NDArray[np.float64]

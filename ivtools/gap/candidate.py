@@ -14,6 +14,7 @@ from scipy.stats import qmc
 
 from ..loop import ClosedLoop
 from ..physics import Term
+from .discrepancy import a_line, other_waves, unlike_smooth
 from .fit import Fit, gauss_newton, steps
 from .fold import Fold, Side, block_t
 from .library import Box, Scales, alternatives
@@ -35,7 +36,6 @@ from .rules import (
     Threshold,
 )
 from .screen import Score
-from .smooth import a_line, other_waves, unlike_smooth
 
 Array = NDArray[np.float64]
 

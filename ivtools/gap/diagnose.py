@@ -25,21 +25,16 @@ from . import (
     locate,
     parity,
     preflight,
-    pull,
     quantify,
     verdict,
 )
-from .against import against
-from .attribute import Attribution, attribute, upheld
-from .confirm import confirm, run
+from .attribute import Attribution, attribute, cost, probability, upheld
 from .diagnosis import Diagnosis
-from .evidence import cost, probability
 from .fit import Fit, gauss_newton, steps
+from .floor import Measured, Ready, folds, masked, measure, prepared
 from .fold import Fold, Link, threaded
-from .hanging import hanging
-from .measured import Measured, Ready, folds, masked, measure, prepared
 from .parity import Parity
-from .preflight import Finding
+from .preflight import Finding, hanging
 from .rules import (
     AT_CONTROLLER,
     DESCRIBED,
@@ -49,6 +44,7 @@ from .rules import (
     TOLERANCE,
     Rules,
 )
+from .simulator import against, confirm, run
 
 Array = NDArray[np.float64]
 
@@ -196,10 +192,10 @@ def _mute(text: str) -> None:
 def _followed(task: _Task) -> tuple[_Task, ClosedLoop, list[Finding]]:
     """Return the task with positions to follow, the loop that follows them, and what to say."""
     known = task.loop.known(task.record)
-    record, note = pull.followed(task.record, known)
+    record, note = preflight.followed(task.record, known)
 
     def other(one: Record | None) -> Record | None:
-        return None if one is None else pull.followed(one, known)[0]
+        return None if one is None else preflight.followed(one, known)[0]
 
     task = task._replace(record=record, holdout=other(task.holdout), judge=other(task.judge))
     return task, known, note
@@ -232,7 +228,7 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
         preflight.require(one)
     say("controller parity")
     task, parts = _bounded(task, rules.samples)
-    if pull.lawless(task.record, task.loop):
+    if preflight.lawless(task.record, task.loop):
         text = "no reference is in the record, so no control law can be read from it; for the "
         remedy = 'force over the motion alone write [controller] kind = "none"'
         return _refused(task.record, task.loop, (), [Finding(text + remedy), *parts])

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from ..loop import ClosedLoop
 from ..tables import Text, table
 from ..units import quantity
-from .attribute import Supposed
+from .attribute import Evidence, Supposed
 from .discrepancy import Discrepancy
-from .evidence import Evidence
 from .fit import Fit
 from .floor import Floor
 from .locate import Region
@@ -30,8 +29,7 @@ if TYPE_CHECKING:
 
     from ..report import Page
     from ..simulators.mjcf_export import Export
-    from .changes import Change
-    from .confirm import Confirmation
+    from .simulator import Change, Confirmation
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 from ..tables import Text, sentence, table
 from ..units import quantity
-from .changes import changes_table
 from .rules import CORRECTED
+from .simulator import changes_table
 from .verdict import VERDICTS
 
 if TYPE_CHECKING:

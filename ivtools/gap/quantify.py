@@ -13,9 +13,8 @@ from ..record import Record
 from .attribute import Attribution
 from .candidate import phases
 from .fit import Fit, gauss_newton, steps
-from .floor import Floor
+from .floor import Floor, Measured
 from .fold import Fold
-from .measured import Measured
 from .rules import ADEQUATE_NAMED, ALL_LEFT, LEAST_BLOCKS
 
 Array = NDArray[np.float64]

@@ -15,8 +15,8 @@ from ..units import quantity
 from .attribute import Attribution
 from .candidate import phases
 from .fit import Fit, gauss_newton, steps
+from .floor import Measured
 from .library import Scales
-from .measured import Measured
 from .parity import Parity
 from .preflight import Finding
 from .quantify import Shrink

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..results import FitResults
-from ..tables import Text, table
-from ..units import quantity
-from .diagnosis import Diagnosis
-from .fleet.entry import Entry
-from .fleet.fleet import Fleet
+from ...results import FitResults
+from ...tables import Text, table
+from ...units import quantity
+from ..diagnosis import Diagnosis
+from ..fleet.entry import Entry
+from ..fleet.fleet import Fleet
 
 if TYPE_CHECKING:
-    from ..report import Card, Page
+    from ...report import Card, Page
 
 
 class Coupled(NamedTuple):
@@ -100,9 +100,9 @@ class RobotDiagnosis:
 
     def page(self) -> Page:
         """Return the overview: joints by effects."""
-        from ..plots.fleet import fleet
-        from ..report import Page, Picture
-        from .page import add_joint
+        from ...plots.fleet import fleet
+        from ...report import Page, Picture
+        from ..page import add_joint
 
         out = Page(f"Diagnosis of {self.robot}", f"Joint by joint, on {self.name}.", self._card())
         caption = (
@@ -117,8 +117,8 @@ class RobotDiagnosis:
 
     def _card(self) -> Card:
         """Return the robot in short: what is named in which joint, and what it is worth."""
-        from ..report import Card
-        from .page import effects_text
+        from ...report import Card
+        from ..page import effects_text
 
         facts = [(name, text) for name, d in self.joints.items() for text in effects_text(d)]
         if not facts:

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from ..physics import EFFECTS, Term
-from ..simulators.difference import CREEPS, Difference, dry
-from ..tables import Text, table
-from .diagnosis import Diagnosis
-from .fit import Fit, gauss_newton, steps
-from .fold import block_t
-from .library import Scales, library
-from .rules import ADEQUATE, CHANGED_T, CONFIDENCE, STICKS, TIE, TRADING, Rules
+from ...physics import EFFECTS, Term
+from ...simulators.difference import CREEPS, Difference, dry
+from ...tables import Text, table
+from ..diagnosis import Diagnosis
+from ..fit import Fit, gauss_newton, steps
+from ..fold import block_t
+from ..library import Scales, library
+from ..rules import ADEQUATE, CHANGED_T, CONFIDENCE, STICKS, TIE, TRADING, Rules
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from ..loop import ClosedLoop
-from ..record import Record
-from .rules import HANGS, HANGS_ALIKE, LEAST_SWINGS, SWING_RATE, SWINGS
+from ...loop import ClosedLoop
+from ...record import Record
+from ..rules import HANGS, HANGS_ALIKE, LEAST_SWINGS, SWING_RATE, SWINGS
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import IVToolsError
-from ..loop import ClosedLoop
-from ..loop.rough_inertia import beside_position
-from ..record import Record
-from .parity import Parity, Signals
-from .rules import ABSURD, OPPOSITE, UNIT_NEAR, UNIT_R2, UNIT_SAMPLES
+from ...errors import IVToolsError
+from ...loop import ClosedLoop
+from ...loop.rough_inertia import beside_position
+from ...record import Record
+from ..parity import Parity, Signals
+from ..rules import ABSURD, OPPOSITE, UNIT_NEAR, UNIT_R2, UNIT_SAMPLES
 
 Array = NDArray[np.float64]
 

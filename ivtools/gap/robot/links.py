@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from ..errors import IVToolsError
-from ..loop import robot_sensitivity
-from ..record import Record
-from ..results import FitResults
-from . import response
-from .floor import autoregression
-from .fold import Doubt
-from .rules import BLOCK, LEAST_BLOCK, LINKED_TRANSIENT, OWN, SINGULAR, TOLD_APART
+from ...errors import IVToolsError
+from ...loop import robot_sensitivity
+from ...record import Record
+from ...results import FitResults
+from .. import response
+from ..floor import autoregression
+from ..fold import Doubt
+from ..rules import BLOCK, LEAST_BLOCK, LINKED_TRANSIENT, OWN, SINGULAR, TOLD_APART
 
 Array = NDArray[np.float64]
 

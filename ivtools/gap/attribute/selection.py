@@ -15,16 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..loop import ClosedLoop
-from ..physics import Term
-from .candidate import Trial, frozen
-from .discrepancy import Laws, Spline, advantage, fitted, least_t
-from .evidence import Evidence, cost, evidence, lawless, probability
-from .fit import Fit, gauss_newton, of_effect, steps
-from .fold import Side, threaded
-from .library import library
-from .rounds import Round, play, pvalues
-from .rules import (
+from ...loop import ClosedLoop
+from ...physics import Term
+from ..candidate import Trial, frozen
+from ..discrepancy import Laws, Spline, advantage, beside, fitted, least_t
+from ..fit import Fit, gauss_newton, of_effect, steps
+from ..fold import Side, threaded
+from ..library import library
+from ..rules import (
     CLEAN,
     DISCREPANCY_T,
     LIKELY,
@@ -34,7 +32,8 @@ from .rules import (
     UNLIKE_SMOOTH,
     Rules,
 )
-from .smooth import beside
+from .evidence import Evidence, cost, evidence, lawless, probability
+from .rounds import Round, play, pvalues
 
 
 class Supposed(NamedTuple):

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import IVToolsError
-from ..loop import ClosedLoop
-from ..record import Record
-from ..simulators.protocol import Simulator, logged
-from ..units import quantity
-from .fold import usable
+from ...errors import IVToolsError
+from ...loop import ClosedLoop
+from ...record import Record
+from ...simulators.protocol import Simulator, logged
+from ...units import quantity
+from ..fold import usable
 
 if TYPE_CHECKING:
-    from .diagnosis import Diagnosis
+    from ..diagnosis import Diagnosis
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ..linalg import swing
-from ..loop import Simulation
-from . import spatial_lines
-from .fit import Fit, normal
-from .fold import block_t, threaded
-from .rules import COOLING, DISCREPANCY_MOST, DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
+from ...linalg import swing
+from ...loop import Simulation
+from .. import spatial_lines
+from ..fit import Fit, normal
+from ..fold import block_t, threaded
+from ..rules import COOLING, DISCREPANCY_MOST, DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
 from .smooth import Basis, Columns, beside, signals
 
 Array = NDArray[np.float64]

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import IVToolsError
-from ..loop import ClosedLoop
-from ..record import Record
-from ..simulators.difference import SWINGS, Difference, as_simulated, brought, difference, rms
-from ..units import quantity
+from ...errors import IVToolsError
+from ...loop import ClosedLoop
+from ...record import Record
+from ...simulators.difference import SWINGS, Difference, as_simulated, brought, difference, rms
+from ...units import quantity
+from ..diagnosis import Diagnosis
+from ..rules import ADEQUATE, ALL_CLOSED, SAME_LOG, SECOND_ORDER
 from .changes import changes, settled, twins
-from .diagnosis import Diagnosis
-from .rules import ADEQUATE, ALL_CLOSED, SAME_LOG, SECOND_ORDER
 
 Diagnose = Callable[..., Diagnosis]
 """Of record, holdout and loop; named=False names nothing, described=False describes nothing."""

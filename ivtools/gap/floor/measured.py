@@ -9,17 +9,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import EstimationError
-from ..loop import ClosedLoop
-from ..loop.rough_inertia import rough_inertia
-from ..record import Record
-from . import floor, preflight, pull, response
-from .fit import Fit, gauss_newton, start, steps
+from ...errors import EstimationError
+from ...loop import ClosedLoop
+from ...loop.rough_inertia import rough_inertia
+from ...record import Record
+from .. import preflight, response
+from ..fit import Fit, gauss_newton, start, steps
+from ..fold import Fold, Link, Side, usable
+from ..library import Scales
+from ..parity import Parity
+from ..rules import AGAIN, BEYOND, COMMON, PARITY_POOR, STRETCHES
+from . import floor
 from .floor import Floor
-from .fold import Fold, Link, Side, usable
-from .library import Scales
-from .parity import Parity
-from .rules import AGAIN, BEYOND, COMMON, PARITY_POOR, STRETCHES
 
 Array = NDArray[np.float64]
 
@@ -70,11 +71,11 @@ def prepared(record: Record, checked: Parity, records: Sequence[Record]) -> Read
     per cent was measured, as a current is, and goes straight from one to the next.
     """
     loop = preflight.told_apart(records, checked.loop)
-    place = record.q[:, 0] if pull.adrift(loop) else None
-    if not pull.rings(record, loop):
+    place = record.q[:, 0] if preflight.adrift(loop) else None
+    if not preflight.rings(record, loop):
         return Ready(record, loop, checked, place)
     ramp = checked.after > PARITY_POOR
-    return Ready(*pull.pulled(record, loop), checked, place, True, ramp)
+    return Ready(*preflight.pulled(record, loop), checked, place, True, ramp)
 
 
 def measure(ready: Ready) -> Measured:

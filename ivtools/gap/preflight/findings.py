@@ -12,16 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import checks
-from ..errors import RecordError
-from ..loop import ClosedLoop, Controller
-from ..loop.rough_inertia import shown_inertia
-from ..record import Record
-from .fit import Fit
-from .fold import usable
-from .parity import Parity
-from .plausible import looks_like, wrong_unit
-from .rules import (
+from ... import checks
+from ...errors import RecordError
+from ...loop import ClosedLoop, Controller
+from ...loop.rough_inertia import shown_inertia
+from ...record import Record
+from ..fit import Fit
+from ..fold import usable
+from ..parity import Parity
+from ..rules import (
     ALONG,
     FOLLOWS,
     GROSS_GAIN,
@@ -43,6 +42,7 @@ from .rules import (
     SATURATED,
     WRONG_UNIT,
 )
+from .plausible import looks_like, wrong_unit
 
 Array = NDArray[np.float64]
 

@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal, stats
 
-from ..errors import EstimationError
-from ..limits import LARGEST
-from ..linalg import swing
-from ..loop import Simulation
-from ..physics import EFFECTS
-from ..record import Record
-from . import spatial_lines
-from .fit import Fit
-from .fold import Fold
-from .response import Response, features, waves
-from .rules import (
+from ...errors import EstimationError
+from ...limits import LARGEST
+from ...linalg import swing
+from ...loop import Simulation
+from ...physics import EFFECTS
+from ...record import Record
+from .. import spatial_lines
+from ..fit import Fit
+from ..fold import Fold
+from ..response import Response, features, waves
+from ..rules import (
     ANOTHER,
     DEEPEST,
     EVENT,

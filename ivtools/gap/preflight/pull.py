@@ -10,14 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import RecordError
-from ..loop import ClosedLoop, Controller
-from ..loop.bandwidth import margin_deg
-from ..loop.observer import driven_by
-from ..loop.rough_inertia import shown_inertia
-from ..record import Record
-from .preflight import Finding
-from .rules import MARGIN, PULL_HZ, PULL_RATE
+from ...errors import RecordError
+from ...loop import ClosedLoop, Controller
+from ...loop.bandwidth import margin_deg
+from ...loop.observer import driven_by
+from ...loop.rough_inertia import shown_inertia
+from ...record import Record
+from ..rules import MARGIN, PULL_HZ, PULL_RATE
+from .findings import Finding
 
 
 def followed(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
-from ..linalg.swing import Swing
-from ..loop import Simulation
-from .fit import Fit, normal, orthonormal
-from .fold import threaded
-from .rules import (
+from ...linalg.swing import Swing
+from ...loop import Simulation
+from ..fit import Fit, normal, orthonormal
+from ..fold import threaded
+from ..rules import (
     ALIKE,
     COARSE_KNOTS,
     COOLING,

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from .candidate import Trial
-from .fit import Fit
-from .rules import (
+from ..candidate import Trial
+from ..fit import Fit
+from ..rules import (
     ENOUGH,
     EVEN,
     LEAST_EVENNESS,

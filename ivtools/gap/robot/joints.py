@@ -11,23 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from ..errors import AxisError, EstimationError, IVToolsError
-from ..estimators.instrumental import IDIMIV
-from ..estimators.least_squares import IDIMWLS
-from ..loop import ClosedLoop, RobotLoop
-from ..loop.mechanics import LIGHTEST
-from ..physics import EFFECTS, find
-from ..problem import Problem
-from ..record import Record
-from ..results import FitResults
-from .diagnose import diagnose
-from .diagnosis import Diagnosis
-from .fit import of_effect
-from .fold import Link
+from ...errors import AxisError, EstimationError, IVToolsError
+from ...estimators.instrumental import IDIMIV
+from ...estimators.least_squares import IDIMWLS
+from ...loop import ClosedLoop, RobotLoop
+from ...loop.mechanics import LIGHTEST
+from ...physics import EFFECTS, find
+from ...problem import Problem
+from ...record import Record
+from ...results import FitResults
+from ..diagnose import diagnose
+from ..diagnosis import Diagnosis
+from ..fit import of_effect
+from ..fold import Link
+from ..rules import FAINT, ROUNDS, SWUNG, Rules
+from ..verdict import lowers
+from .diagnosis import Coupled, RobotDiagnosis
 from .links import Links, measure
-from .robot_diagnosis import Coupled, RobotDiagnosis
-from .rules import FAINT, ROUNDS, SWUNG, Rules
-from .verdict import lowers
 
 Array = NDArray[np.float64]
 

@@ -13,13 +13,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics import EFFECTS, Term
-from .candidate import Trial, attempt
+from ...physics import EFFECTS, Term
+from ..candidate import Trial, attempt
+from ..fit import Fit
+from ..fold import Side, threaded
+from ..rules import ADEQUATE, CLEAN, DRAWS, RIVAL, ROUGH, TIE, TWIN, WORTH_A_FIT, Rules
+from ..screen import Score, screen
 from .evidence import cost
-from .fit import Fit
-from .fold import Side, threaded
-from .rules import ADEQUATE, CLEAN, DRAWS, RIVAL, ROUGH, TIE, TWIN, WORTH_A_FIT, Rules
-from .screen import Score, screen
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,20 @@
+"""Attribute: which of the effects are named, and how sure that is.
+
+rounds       one more effect is looked for
+evidence     what speaks for its name, and the probability that it is right
+selection    forward over the rounds, and backward over what a later one made superfluous
+"""
+
+from .evidence import Evidence, cost, features, probability
+from .selection import Attribution, Supposed, attribute, upheld
+
+__all__ = [
+    "Attribution",
+    "Evidence",
+    "Supposed",
+    "attribute",
+    "cost",
+    "features",
+    "probability",
+    "upheld",
+]

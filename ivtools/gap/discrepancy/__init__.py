@@ -1,0 +1,24 @@
+"""Discrepancy: a force that repeats and is none of the known effects.
+
+smooth         forces that any axis may have, as hat functions of its state and of its past
+discrepancy    the one that predicts held-out data best, described instead of named
+"""
+
+from .discrepancy import Discrepancy, Laws, Spline, advantage, describe, fitted, least_t
+from .smooth import Basis, Columns, a_line, beside, other_waves, unlike_smooth
+
+__all__ = [
+    "Basis",
+    "Columns",
+    "Discrepancy",
+    "Laws",
+    "Spline",
+    "a_line",
+    "advantage",
+    "beside",
+    "describe",
+    "fitted",
+    "least_t",
+    "other_waves",
+    "unlike_smooth",
+]

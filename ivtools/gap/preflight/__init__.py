@@ -1,0 +1,40 @@
+"""Preflight: are records and axis file fit to be judged, and what drives the simulated loop.
+
+findings     the first fault that spoils everything behind it
+plausible    units and signs that give themselves away
+pull         what the loop follows, and what holds it where nothing else does
+hanging      gravity where no control law is known
+"""
+
+from .findings import (
+    Finding,
+    identified,
+    inspect,
+    named,
+    overlap,
+    require,
+    same_axis,
+    told_apart,
+)
+from .hanging import Hanging, hanging
+from .plausible import doubts
+from .pull import adrift, followed, lawless, pulled, rings
+
+__all__ = [
+    "Finding",
+    "Hanging",
+    "adrift",
+    "doubts",
+    "followed",
+    "hanging",
+    "identified",
+    "inspect",
+    "lawless",
+    "named",
+    "overlap",
+    "pulled",
+    "require",
+    "rings",
+    "same_axis",
+    "told_apart",
+]
