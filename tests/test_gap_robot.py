@@ -133,7 +133,7 @@ def test_a_link_swings_behind_its_drive():
     fit, _ = identified(record, loop)
     own = 0.02 / 0.04  # the drive's share
     values = {"frequency_hz": 12.0 / own**0.5, "damping": 0.03 / own**0.5, "load_share": 1.0 - own}
-    theta = {"inertia": 0.04, **{f"flexibility.{k}": v for k, v in values.items()}}
+    theta = {**start, "inertia": 0.04, **{f"flexibility.{k}": v for k, v in values.items()}}
     soft = SimpleNamespace(effects=("flexibility",), theta=theta)
     errors = []
     for joints in ({}, {"elbow": soft}):

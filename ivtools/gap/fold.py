@@ -54,16 +54,44 @@ class Doubt:
         What the command, N or N m, answers to a unit of each size.
     mean, precision : ndarray, (m,) and (m, m)
         What is known of the sizes from elsewhere; a precision of 0 is nothing.
+    own : ndarray, (n_samples, m), optional
+        What the command answers besides as to a change of the axis's own parameters, which are
+        fitted: with other values along another motion.
     """
 
     t: Array
     answers: Array
     mean: Array
     precision: Array
+    own: Array | None = None
 
     def on(self, record: Record) -> Array:
         """Return the answers on that record, or a part of it, (n_samples, m)."""
         return self.answers[np.searchsorted(self.t, record.t)]
+
+    @property
+    def whole(self) -> Doubt:
+        """The same forces, none of their parts left to the axis's own parameters."""
+        return self if self.own is None else replace(self, answers=self.answers + self.own)
+
+    def beside(self, record: Record, unknown: Array) -> Doubt:
+        """Return the doubt of that record and of forces of which nothing is known.
+
+        Parameters
+        ----------
+        record : Record
+            Or a part of it.
+        unknown : ndarray, (n_samples, k)
+            What the command answers to a unit of each.
+        """
+        rows, k = np.searchsorted(self.t, record.t), unknown.shape[1]
+        return Doubt(
+            record.t,
+            np.column_stack([self.answers[rows], unknown]),
+            np.append(self.mean, np.zeros(k)),
+            np.pad(self.precision, (0, k)),
+            None if self.own is None else np.pad(self.own[rows], ((0, 0), (0, k))),
+        )
 
 
 @dataclass(frozen=True, eq=False)

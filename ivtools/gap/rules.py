@@ -410,6 +410,11 @@ OWN = 1e-3
 #: Share of what the swing of other joints' links takes from a joint's error to which it is known
 #: (training: it leaves 0.002 to 0.01 of it on joints that lack nothing).
 SWUNG = 0.02
+#: Speed of a drive, of the largest, from which its forces tell what its link does (physics: below,
+#: stiction takes what it takes).
+CRAWLING = 0.02
+#: Radians or metres of the free swing along which a load counts as linear (numerics).
+SMALL_SWING = 1e-3
 #: Times that the joints of a robot are diagnosed at most, beside what was named before (cost).
 ROUNDS = 2
 #: Of the largest singular value: what is below is nothing (numerics: rounding of a product).

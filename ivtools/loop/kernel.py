@@ -135,7 +135,8 @@ def run(
     inputs excluded, that precede the law's own: `delay` of them, then the one before the record.
     Forces that depend on the position act at `place`, (n_samples,), if it is not empty. Of two
     masses a known `load` pulls at the second one, which begins where that holds it, and a
-    disturbance at the first; the second has `swing` more inertia, if that is not empty.
+    disturbance at the first; the second has `swing` more inertia, if that is not empty: what its
+    velocity asks where that grows is in the load with the velocity of the first.
     """
     samples, past = known.size, taps.size - 1
     whole, planned = drive_delay(dt, p, on)[0], plan(dt, n, p, on)
@@ -172,11 +173,14 @@ def run(
         sent[whole + 1 + k] = out[3, k] = min(max(law[k], -limit), limit) + added[k]
         outside = force_noise[k] if force_noise.size else 0.0
         if load.size:
-            outside -= load[k]
-            if on["two"]:
-                p["shift"] = shift - load[k]
+            pulled = load[k]
             if swing.size:
                 p["load"] = with_swing(mean, swing[k])
+                grows = (with_swing(mean, swing[min(k + 1, samples - 1)]) - p["load"]) / dt
+                pulled += grows * (x[3] - x[1])
+            outside -= pulled
+            if on["two"]:
+                p["shift"] = shift - pulled
         p["outside"] = outside
         if rigid:
             tau = gain * sent[k + 1] + outside

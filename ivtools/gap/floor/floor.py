@@ -99,7 +99,7 @@ class Floor:
         return 0 < len(self.events) <= FEW_EVENTS and share < EVENT_TIME
 
 
-def measure(fit: Fit, response: Response, raw: Array) -> Floor:
+def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = None) -> Floor:
     """Measure the floor of a fold.
 
     Parameters
@@ -110,12 +110,16 @@ def measure(fit: Fit, response: Response, raw: Array) -> Floor:
         Of the command to a force.
     raw : ndarray, (n_samples,)
         Force error of that fit, N or N m.
+    unknown : ndarray, (n_samples, m), optional
+        What the command answers to what is not known of the load: neither noise nor an event.
     """
     fold, keep = fit.fold, fit.fold.keep
     dt = fold.record.dt
     _require(raw)
     simulation = fold.simulate(fit.loop, fit.values)
     columns = response(features(simulation))
+    if unknown is not None:
+        columns = np.hstack([columns, unknown])
     rest = _project(columns, fit, raw, keep)
     found = swing.strongest(response(simulation.ddq[:, 0]), rest, keep, dt)
     if found.share > SWINGING:  # a load that hangs from the axis would pass for slow noise

@@ -104,7 +104,8 @@ def measure(ready: Ready) -> Measured:
             "[drive] gain; a force of the position that the model lacks (spring, gravity) may be "
             "added to [model] terms"
         )
-    level = floor.measure(fit, heard, left)
+    unknown = None if link is None or link.doubt is None else link.doubt.on(record)
+    level = floor.measure(fit, heard, left, unknown)
     fold = replace(fold, whitener=level.whitener, link=link)
     if fold.doubt is None:  # else what is not known counts as noise
         fold = replace(fold, smooth=level.generic)

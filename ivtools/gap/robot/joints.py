@@ -5,35 +5,33 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from ...errors import AxisError, EstimationError, IVToolsError
 from ...estimators.instrumental import IDIMIV
 from ...estimators.least_squares import IDIMWLS
 from ...loop import ClosedLoop, RobotLoop
-from ...loop.mechanics import LIGHTEST
-from ...physics import EFFECTS, find
+from ...physics import find
 from ...problem import Problem
 from ...record import Record
 from ...results import FitResults
+from .. import response
 from ..diagnose import diagnose
 from ..diagnosis import Diagnosis
 from ..fit import of_effect
-from ..fold import Link
-from ..rules import FAINT, ROUNDS, SWUNG, Rules
+from ..fold import Doubt, Link
+from ..rules import FAINT, ROUNDS, SMALL_SWING, SWUNG, Rules
 from ..verdict import lowers
+from .behind import TWO_MASSES, Alone, follow
 from .diagnosis import Coupled, RobotDiagnosis
 from .links import Links, measure
 
 Array = NDArray[np.float64]
 
 _POSES = 50  # at which the mean inertia of a joint is taken
-#: Which a RobotLoop cannot have.
-_TWO_MASSES = tuple(name for name, term in EFFECTS.items() if term.slot == "second mass")
 
 
 def diagnose_robot(
@@ -134,8 +132,8 @@ def _swing(diagnosis: Diagnosis | None) -> float:
         return 0.0
     if not diagnosis.effects and diagnosis.supposed is not None:
         one = diagnosis.supposed
-        return one.gain if one.effect in _TWO_MASSES else 0.0
-    both = (e for e in diagnosis.effects if e in _TWO_MASSES and e in diagnosis.evidence)
+        return one.gain if one.effect in TWO_MASSES else 0.0
+    both = (e for e in diagnosis.effects if e in TWO_MASSES and e in diagnosis.evidence)
     return max((diagnosis.evidence[e].gain for e in both), default=0.0)
 
 
@@ -175,10 +173,19 @@ def _joint(
     parts = [alone(j, one, fit, without, soft) for one in told]
     other = parts[1].record if len(parts) > 1 else None
     behind = [
-        Link(part.record.t, part.link, None if links is None else links.doubt(name))
+        Link(part.record.t, part.link, _doubt(name, links, part))
         for links, part in zip(told.values(), parts, strict=True)
     ]
     return heard(diagnose(parts[0].record, parts[0].loop, other, links=behind, **settings))
+
+
+def _doubt(joint: str, links: Links | None, part: Alone) -> Doubt:
+    """Return what is not known of a joint's load: of the links, and of how the record began."""
+    record = part.record
+    answers = response.measure(part.loop, record, part.loop.start)(part.unknown)
+    none = np.zeros((record.n_samples, 0))
+    told = Doubt(record.t, none, np.zeros(0), np.zeros((0, 0)))
+    return (told if links is None else links.doubt(joint)).beside(record, answers)
 
 
 def _swung(
@@ -232,23 +239,6 @@ def heard(diagnosis: Diagnosis, swung: float = 0.0) -> Diagnosis:
     )
 
 
-class Alone(NamedTuple):
-    """One joint of a robot as an axis.
-
-    Attributes
-    ----------
-    record : Record
-        With the load of the others.
-    loop : ClosedLoop
-    link : ndarray, (n_samples, 2)
-        That load without what the inertia of its link has beyond the mean, and that inertia.
-    """
-
-    record: Record
-    loop: ClosedLoop
-    link: Array
-
-
 def alone(
     j: int,
     record: Record,
@@ -276,16 +266,33 @@ def alone(
     loop: Any = problem.loop
     values = loop.values({str(k): float(v) for k, v in fit.params.items()})
     motion = problem.pipeline.differentiate(record.q, record.dt)
-    places, ddqs = motion.q.copy(), motion.ddq.copy()
+    motion.dq[:2] = motion.ddq[:2] = 0.0  # links hang where they do at rest when a record begins
+    places, ddqs, loose = motion.q.copy(), motion.ddq.copy(), []
     for name, diagnosis in (soft or {}).items():
         i = loop.joints.index(name)
         its = alone(i, record, fit)
         rows = slice(0, its.record.n_samples)
-        places[rows, i], ddqs[rows, i] = _link(diagnosis, its, motion.dq[rows, i])
-    q, dq, ddq = (loop._to_joints(x) for x in (places, motion.dq, ddqs))
-    asked = loop.robot.torques(q, dq, ddq, loop.inertias(values))
-    if loop.transmission is not None:
-        asked = asked @ loop._T
+        link = follow(diagnosis, its, motion.dq[rows, i], ddqs[rows, i])
+        places[rows, i], ddqs[rows, i] = link.q, link.ddq
+        loose += [(rows, i, *x) for x in link.unknown]
+
+    def asks(places: Array, ddqs: Array) -> Array:
+        """Return what the links ask of the drives, N or N m, (n_samples, n)."""
+        q, dq, ddq = (loop._to_joints(x) for x in (places, motion.dq, ddqs))
+        asked = loop.robot.torques(q, dq, ddq, loop.inertias(values))
+        return np.asarray(asked if loop.transmission is None else asked @ loop._T)
+
+    asked = asks(places, ddqs)
+    unknown = [_blows(record.n_samples, problem.pipeline.trim[0])]
+    for rows, i, x, ddx in loose:
+        size, turned, jerked = (
+            SMALL_SWING / max(float(np.max(np.abs(x))), 1e-300),
+            places.copy(),
+            ddqs.copy(),
+        )
+        turned[rows, i] += size * x
+        jerked[rows, i] += size * ddx
+        unknown.append((asks(turned, jerked) - asked)[:, [j]])
     poses = problem.motion.q[:: max(len(problem.motion.q) // _POSES, 1)]  # of the fit's own record
     inertia = float(loop.mass_matrix(poses, values)[:, j, j].mean())
     own = loop.joint_values(j, values)
@@ -298,67 +305,15 @@ def alone(
     if part.load is not None:
         both[:, :2] += part.load
     part = part.slice(0, end).replace(load=both[:end, :1])
-    return Alone(part, _axis(j, loop, inertia, own, without), both[:end, 1:])
+    axis = _axis(j, loop, inertia, own, without)
+    return Alone(part, axis, both[:end, 1:], np.hstack(unknown)[:end])
 
 
-def _link(diagnosis: Diagnosis, part: Alone, dq: Array) -> tuple[Array, Array]:
-    """Return position and acceleration of the link of a joint with two masses, (n_samples,) each.
-
-    Under its load it swings behind the drive; a gap lies on the side to which it is pulled, and the
-    link behind it is jerked when a simulation of that joint says.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        Has the values of its flexibility or backlash.
-    part : Alone
-        That joint.
-    dq : ndarray, (n_samples,)
-        Velocity of the drive.
-    """
-    record = part.record
-    assert record.load is not None
-    effect = next(e for e in _TWO_MASSES if e in diagnosis.effects)
-    own, q = of_effect(diagnosis.theta, effect), record.q[:, 0]
-    hz = next(own[p.name] for p in EFFECTS[effect].parameters if p.unit == "Hz")
-    w, share, gap = 2.0 * np.pi * hz, own["load_share"], own.get("gap", 0.0)
-    drag, pull = 2.0 * own["damping"] * w * (1.0 - share), w * w * (1.0 - share)
-    pulled = record.load[:, 0] / (share * diagnosis.theta["inertia"])
-
-    def swung(x: Array, top: Sequence[float]) -> Array:
-        """Return a signal behind the spring and the mass of the link, as if it had been steady."""
-        b, a = signal.bilinear(top, [1.0, drag, pull], 1.0 / record.dt)
-        steady = signal.lfilter_zi(b, a) * x[0]
-        return np.asarray(signal.lfilter(b, a, x, zi=steady)[0], dtype=float)
-
-    twice = (1.0, 0.0, 0.0)  # derived
-    ahead = swung(q, twice)
-    behind = ahead + swung(pulled, (1.0,))
-    ddq = pull * ahead + drag * swung(dq, twice) - swung(pulled, twice)
-    jerked = _jerked(effect, diagnosis.theta, part) if gap > 0.0 else ddq
-    side = 0.5 * gap * np.sign(pulled + ddq)
-    return q - behind - side, jerked if np.isfinite(jerked).all() else ddq
-
-
-def _jerked(effect: str, theta: Mapping[str, float], part: Alone) -> Array:
-    """Return the acceleration of a link behind a gap, (n_samples,).
-
-    Of the forces on the joint as it is simulated, those that accelerate neither drive nor load.
-    """
-    loop = part.loop.with_effect(effect, **of_effect(theta, effect))
-    values = loop.values({n: v for n, v in theta.items() if n in loop.names})
-    load, more = part.link.T
-    sim = loop.simulate(part.record, values, link=part.link)
-    q, dq, ddq, tau = sim.q[:, 0], sim.dq[:, 0], sim.ddq[:, 0], sim.tau[:, 0]
-    against = sum(
-        t.force(q, dq, ddq, [values[n] for n in t.names], tau, sim.t - sim.t[0])
-        for t in loop.terms
-        if t.law is not None and t.name != "inertia"
-    )
-    heavy = values[f"{effect}.load_share"] * values["inertia"]
-    drive = values["inertia"] - heavy
-    own = np.maximum(heavy + more, LIGHTEST * heavy)
-    return np.asarray((tau - against - drive * ddq - load) / own)
+def _blows(n: int, head: int) -> Array:
+    """Return unit forces at the start of a record whose head is trimmed, (n, 3)."""
+    blows = np.zeros((n, 3))
+    blows[[0, head // 2, head], range(3)] = 1.0
+    return blows
 
 
 def _axis(
@@ -382,7 +337,7 @@ def with_effects(loop: RobotLoop, named: Mapping[str, Diagnosis]) -> RobotLoop:
     held = list(loop.held)
     for joint, diagnosis in named.items():
         for effect in diagnosis.effects:
-            if effect in _TWO_MASSES:
+            if effect in TWO_MASSES:
                 continue
             values = diagnosis.parameters.get(effect, {})
             try:

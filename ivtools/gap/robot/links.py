@@ -64,7 +64,8 @@ class Links(NamedTuple):
         links = np.array([k for k, name in enumerate(self.names) if "." not in name])
         axis = np.column_stack([A[:, own], self.inertia[:, j]])
         axis = axis / np.maximum(np.linalg.norm(axis, axis=0), 1e-300)
-        rest = A[:, links] - axis @ np.linalg.lstsq(axis, A[:, links])[0]
+        as_own = axis @ np.linalg.lstsq(axis, A[:, links])[0]
+        rest = A[:, links] - as_own
         size = np.linalg.norm(A[:, links], axis=0)
         share = np.linalg.norm(rest, axis=0) / np.maximum(size, 1e-300)
         felt = share > OWN
@@ -78,7 +79,8 @@ class Links(NamedTuple):
         by = P[np.ix_(kept, free)] @ np.linalg.pinv(P[np.ix_(free, free)], rcond=SINGULAR)
         precision = P[np.ix_(kept, kept)] - by @ P[np.ix_(free, kept)]
         mean = np.linalg.pinv(precision, rcond=TOLD_APART) @ (g[kept] - by @ g[free])
-        return Doubt(self.t, rest[:, felt], mean, 0.5 * (precision + precision.T))
+        precision = 0.5 * (precision + precision.T)
+        return Doubt(self.t, rest[:, felt], mean, precision, as_own[:, felt])
 
 
 def measure(fit: FitResults, record: Record, before: Links | None = None) -> Links | None:
