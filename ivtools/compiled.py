@@ -16,6 +16,7 @@ import pickle
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -148,7 +149,8 @@ class Store(NullCache):
         except OSError:
             data = b""
         if data and hashlib.sha256(data[32:]).digest() == data[:32]:
-            return CompileResult._rebuild(context, *pickle.loads(data[32:]))
+            with suppress(ModuleNotFoundError):  # its module has moved since
+                return CompileResult._rebuild(context, *pickle.loads(data[32:]))
         _check_writable(folder())
         return None
 

@@ -102,6 +102,36 @@ def test_doubt_discounts_what_nobody_knows():
     np.testing.assert_allclose(plain - moved, 2.0 * answers[:, 0], atol=1e-6)
 
 
+def test_what_nobody_knows_of_a_load_is_no_part_of_the_force_error():
+    rng = np.random.default_rng(0)
+    t = 1e-3 * np.arange(600)
+    A, sizes = rng.standard_normal((600, 2)), np.array([3.0, -2.0])
+    noise = 0.1 * rng.standard_normal(600)
+    doubt = Doubt(t, A[:, :1], np.zeros(1), np.eye(1), own=0.5 * A[:, :1])
+    assert np.allclose(doubt.whole.answers, 1.5 * A[:, :1])
+    record = iv.Record(t, q=t, q_ref=t, nu=A @ sizes + noise)
+    both = doubt.beside(record, A[:, 1:])
+    fold = Fold(record, np.ones(600, bool), link=Link(t, np.zeros((600, 2)), both))
+    still = SimpleNamespace(
+        gain=1.0,
+        command=lambda record: record.nu,
+        simulate=lambda record, *_, **__: SimpleNamespace(nu=0.0 * record.nu, finite=True),
+    )
+    assert np.std(fold.force_error(still, {})) == pytest.approx(0.1, rel=0.1)
+
+
+def test_what_changed_between_the_records_is_said_of_that_joint_only():
+    """Blows at the start, where the motion's derivatives are those of a filter, are no change."""
+    loop = two_loop()
+    warm = replace(loop.axes[1], start={**loop.axes[1].start, "coulomb": 0.192})
+    other = iv.RobotLoop(loop.robot, [loop.axes[0], warm])
+    one, two = (measured(arm, seed, noise=3e-6) for arm, seed in ((loop, 5), (other, 6)))
+    found = iv.diagnose_robot(one, loop, two)
+    assert found["shoulder"].verdict == "adequate" and not found["shoulder"].changed
+    assert found["elbow"].verdict == "non-repeatable"
+    assert found["elbow"].changed["coulomb"].holdout == pytest.approx(0.192, rel=0.02)
+
+
 def test_it_shows_itself(found, tmp_path):
     text = str(found.summary())
     assert "elbow" in text and "stribeck" in text and "coupled" in text
@@ -140,7 +170,7 @@ def test_a_link_swings_behind_its_drive():
         shoulder = alone(0, record, fit, soft=joints)
         sim = shoulder.loop.simulate(shoulder.record, shoulder.loop.start)
         errors.append(np.std((sim.tau - shoulder.loop.force(shoulder.record))[3000:]))
-    assert errors[1] < 0.75 * errors[0]
+    assert errors[1] < 0.7 * errors[0], errors
 
 
 def behind_a_gap(joint):

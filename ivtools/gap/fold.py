@@ -184,8 +184,12 @@ class Fold:
         return signal.lfilter(self.whitener, [1.0], x, axis=0)[self.keep]
 
     @cached_property
-    def _doubted(self) -> tuple[Array, Array]:
-        """Orthonormal directions (n_kept, k) of doubt, and by which share each is discounted."""
+    def _doubted(self) -> tuple[Array, Array, Array]:
+        """What is doubted, and how much.
+
+        Orthonormal directions (n_kept, k); by which share each is discounted; and the sizes that
+        make an error of one along each likeliest, (m, k).
+        """
         assert self.doubt is not None
         A = self._white(self.doubt.on(self.record))
         both = A.T @ A + self.doubt.precision
@@ -193,8 +197,9 @@ class Fold:
         values, vectors = np.linalg.eigh(both / size / size[:, np.newaxis])
         known = values > TOLD_APART * values[-1]
         turn = vectors[:, known] / np.sqrt(values[known]) / size[:, np.newaxis]
-        basis, shares, _ = np.linalg.svd(A @ turn, full_matrices=False)
-        return basis, 1.0 - np.sqrt(np.maximum(1.0 - shares**2, 0.0))
+        basis, shares, turned = np.linalg.svd(A @ turn, full_matrices=False)
+        discount = 1.0 - np.sqrt(np.maximum(1.0 - shares**2, 0.0))
+        return basis, discount, turn @ turned.T * shares
 
     def _discounted(self, white: Array) -> Array:
         """Return whitened errors in the metric (1 + A C A')^-1/2: noise and doubt are white there.
@@ -203,7 +208,7 @@ class Fold:
         """
         if self.doubt is None:
             return white
-        basis, shares = self._doubted
+        basis, shares, _ = self._doubted
         return np.asarray(white - (basis * shares) @ (basis.T @ white))
 
     @cached_property
@@ -230,8 +235,13 @@ class Fold:
         return loop.gain * (loop.command(self.record) - simulation.nu)[:, 0]
 
     def force_error(self, loop: ClosedLoop, values: Values) -> Array:
-        """Return the force error of the loop simulated at these values."""
-        return self.gap(loop, self.simulate(loop, values))
+        """Return the force error of the loop simulated at these values, its load the likeliest."""
+        e = self.gap(loop, self.simulate(loop, values))
+        if self.doubt is None or not np.isfinite(e[-1]):
+            return e
+        basis, _, sizes = self._doubted
+        A, mean = self.doubt.on(self.record), self.doubt.mean
+        return e - A @ (mean + sizes @ (basis.T @ self._white(e - A @ mean)))
 
     def error(self, loop: ClosedLoop, values: Values) -> Array:
         """Return the whitened force error of the samples that count, (n_kept,)."""

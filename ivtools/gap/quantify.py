@@ -15,7 +15,7 @@ from .candidate import phases
 from .fit import Fit, gauss_newton, steps
 from .floor import Floor, Measured
 from .fold import Fold
-from .rules import ADEQUATE_NAMED, ALL_LEFT, LEAST_BLOCKS
+from .rules import ADEQUATE_NAMED, ALL_LEFT, LEAST_BLOCKS, RETUNED
 
 Array = NDArray[np.float64]
 
@@ -157,6 +157,10 @@ def how_far(
     """Return how far the gap closes, and the signals that show it."""
     tuned = result.held[-1] if result.named or len(measured) == 1 else measured[-1].base
     after = replace(tuned, fold=judge)
+    if judge.doubt is not None and tuned.fold.n_kept < judge.n_kept:
+        # what is likeliest of the load hangs together with them, on all that is judged
+        step = steps(judge, tuned.loop, measured[-1].side.scales)
+        after = gauss_newton(judge, tuned.loop, tuned.values, tuned.free, step, RETUNED)
     before = replace(declared, fold=replace(declared.fold, keep=judge.keep))
     still = replace(after, values=_handed_over(result.fits[0], after))
     level = measured[-1].floor
