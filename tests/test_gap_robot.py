@@ -208,6 +208,21 @@ def test_a_link_behind_a_gap_has_the_inertia_of_its_pose():
     assert errors[1] == errors[0] and errors[2] < 0.5 * errors[0]
 
 
+def test_what_a_link_has_beyond_its_mean_is_inertia_of_the_joint():
+    loop = two_loop()
+    record = measured(loop, 4, seconds=3.0)
+    fit, _ = identified(record, loop)
+    part = alone(0, record, fit)
+    theta = {name: part.loop.start[name] for name in part.loop.names}
+    more = 0.3 * theta["inertia"]
+    link = np.column_stack([part.link[:, 0], np.full(part.record.n_samples, more)])
+    heavier = {**theta, "inertia": theta["inertia"] + more}
+    plain = part.record.replace(load=link[:, :1])
+    one = part.loop.simulate(part.record, theta, link=link)
+    two = part.loop.simulate(plain, heavier)
+    np.testing.assert_allclose(one.q, two.q, rtol=1e-9, atol=1e-12)
+
+
 def test_what_is_supposed_is_assumed_where_nothing_is_named(found):
     elbow = found["elbow"]
     values = {**elbow.theta, "backlash.gap": 1e-3, "backlash.load_share": 0.5}

@@ -349,9 +349,9 @@ class ClosedLoop(Model):
             rad; default: the simulated position. A velocity loop holds no position, and would lose
             the phase of what repeats over it: there, give the measured one.
         link : array_like, (n_samples, 2), optional
-            Of a model with two masses: the known load without what the link's inertia has beyond
-            its mean, N or N m, and that inertia, kg or kg m2, which turns with the pose of a robot;
-            default: the record's load, and none.
+            Of a robot's joint: the known load without what the link's inertia has beyond its mean,
+            N or N m, and that inertia, kg or kg m2, which turns with the pose; it accelerates as
+            the second mass does, or the only one. Default: the record's load, and none.
         quantum : float
             Resolution of the encoder, m or rad; 0 is none.
         ramp : bool

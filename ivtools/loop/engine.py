@@ -273,8 +273,8 @@ def _rigid(loop: ClosedLoop, values: Mapping[str, float], dt: float) -> dict[str
 
 
 def _links(loop: ClosedLoop, record: Record, link: ArrayLike | None) -> tuple[Array, Array]:
-    """Return the known load, and what the second mass has more, (n_samples,) each or empty."""
-    if link is not None and any(term.name in mechanics.TWO_MASSES for term in loop.terms):
+    """Return the known load, and what the last mass has more, (n_samples,) each or empty."""
+    if link is not None:
         pull, more = np.asarray(link, dtype=float).T
         return np.ascontiguousarray(pull), np.ascontiguousarray(more)
     load = np.zeros(0) if record.load is None else _column(record.load, record.n_samples)

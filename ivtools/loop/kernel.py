@@ -135,8 +135,8 @@ def run(
     inputs excluded, that precede the law's own: `delay` of them, then the one before the record.
     Forces that depend on the position act at `place`, (n_samples,), if it is not empty. Of two
     masses a known `load` pulls at the second one, which begins where that holds it, and a
-    disturbance at the first; the second has `swing` more inertia, if that is not empty: what its
-    velocity asks where that grows is in the load with the velocity of the first.
+    disturbance at the first. The second, or the only one, has `swing` more inertia, if that is not
+    empty: what its velocity asks where that grows is in the load with the velocity of the first.
     """
     samples, past = known.size, taps.size - 1
     whole, planned = drive_delay(dt, p, on)[0], plan(dt, n, p, on)
@@ -146,8 +146,8 @@ def run(
     _fill_before(seen, law, sent, past, delay, whole, first, q_start, v_start, dt, p, on)
     q, v, force, gain = q_start, v_start, p["gain"] * first[delay], p["gain"]
     x, rigid, pace, shift = (q, v, q, v, 0.0), not on["effects"], planned[1], p["shift"]
-    mean = p["load"]
-    if swing.size:
+    mean, single = p["load"], p["inertia"]
+    if swing.size and on["two"]:
         p["load"] = with_swing(mean, swing[0])
     if load.size and on["two"]:
         x = (q, v, held_link(q, v, a_start, load[0], p, on, user), v, 0.0)
@@ -174,7 +174,11 @@ def run(
         outside = force_noise[k] if force_noise.size else 0.0
         if load.size:
             pulled = load[k]
-            if swing.size:
+            if swing.size and not on["two"]:
+                p["inertia"] = with_swing(single, swing[k])
+                planned = plan(dt, n, p, on)
+                pace = planned[1]
+            elif swing.size:
                 p["load"] = with_swing(mean, swing[k])
                 grows = (with_swing(mean, swing[min(k + 1, samples - 1)]) - p["load"]) / dt
                 pulled += grows * (x[3] - x[1])
