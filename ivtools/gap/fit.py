@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..linalg import solve_iv
+from ..linalg import as_columns, solve_iv
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..problem import Problem
@@ -155,7 +155,7 @@ def jacobian(
         change = -step[name] if at_top else step[name]
         J[:, column] = (fold.error(loop, {**values, name: values[name] + change}) - e) / change
     if forces:
-        J[:, list(forces)] = fold.answers(np.column_stack(list(forces.values())))
+        J[:, list(forces)] = fold.answers(as_columns(forces.values()))
     return J
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from ..linalg import fir
 from ..loop import ClosedLoop, Simulation
 from ..record import Record
 from .library import Scales
@@ -179,9 +180,7 @@ class Fold:
         return self._discounted(self._white(x))
 
     def _white(self, x: Array) -> Array:
-        if len(self.whitener) == 1:
-            return (self.whitener[0] * x)[self.keep]
-        return signal.lfilter(self.whitener, [1.0], x, axis=0)[self.keep]
+        return fir(self.whitener, x)[self.keep]
 
     @cached_property
     def _doubted(self) -> tuple[Array, Array, Array]:

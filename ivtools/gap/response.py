@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from ..errors import EstimationError
+from ..linalg import as_columns
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..record import Record
-from .rules import RESPONSE_TIME, SPEED_KNOTS
+from .rules import AFTER_REVERSAL, RESPONSE_TIME, SPEED_KNOTS
 
 Array = NDArray[np.float64]
 
@@ -129,7 +130,7 @@ def weight(term: Term, dq: Array, tau: Array) -> Array:
 
 
 def _scaled(columns: list[Array]) -> Array:
-    matrix = np.column_stack(columns)
+    matrix = as_columns(columns)
     return np.asarray(matrix / np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300))
 
 
@@ -158,7 +159,7 @@ def _reversal(dq: Array, s: Array, dt: float) -> list[Array]:
     last = np.zeros(len(s))
     last[start] = start
     since = dt * (np.arange(len(s)) - np.maximum.accumulate(last))
-    return [np.exp(-since / tau) * s for tau in (0.005, 0.02, 0.1)]
+    return [np.exp(-since / tau) * s for tau in AFTER_REVERSAL]
 
 
 def _slow(dq: Array, s: Array) -> list[Array]:

@@ -172,6 +172,8 @@ LINKED: dict[str, dict[str, tuple[float, ...]]] = {
 RESPONSE_TIME = 0.6
 #: Speeds between which a generic friction law is interpolated (training).
 SPEED_KNOTS = 7
+#: Seconds in which a friction comes back after a reversal (physics: of asperities to of grease).
+AFTER_REVERSAL = (0.005, 0.02, 0.1)
 #: Bins over the stroke in the search for lines over position (numerics).
 POSITION_BINS = 1 << 14
 #: Zero padding of that spectrum (numerics: resolution of a period).
@@ -182,6 +184,9 @@ LINE_SPEEDS = 40
 LINE_TOP = 0.35
 #: Periods that a stroke must hold at least for a line (theory: it must come twice).
 LINE_PERIODS = 2.0
+#: Bins over a period of a line at least, and bumps over it that are another law (theory: two are
+#: the line itself).
+LINE_BINS = BUMPS = 4
 #: Periods per effect that the screening looks at (training).
 LINES = 3
 #: Order of the noise model (EMPS: partial autocorrelations vanish beyond).
@@ -212,6 +217,8 @@ FREQUENCIES, LEAST_LEFT = 512, 0.25
 EVENT = 8.0
 #: Least deviation, of the median, in that comparison (theory: chi-square of a short window).
 EVENT_SPREAD = 0.1
+#: Samples of a period at least, and periods of a record at most (theory: a shape; training).
+LEAST_PERIOD, MOST_PERIODS = 20, 200
 #: Relative mismatch below which a reference repeats itself (numerics).
 PERIODIC = 1e-4
 #: The same beyond which the reference has left itself, before it comes again, and the samples from
@@ -415,6 +422,10 @@ SWUNG = 0.02
 CRAWLING = 0.02
 #: Radians or metres of the free swing along which a load counts as linear (numerics).
 SMALL_SWING = 1e-3
+#: Poses at which the mean inertia of a joint is taken (numerics: to some per cent).
+POSES = 50
+#: Part of a record, 1 / of it, after whose start a robot's errors count: its links swing in (taste).
+SWING_IN = 20
 #: Times that the joints of a robot are diagnosed at most, beside what was named before (cost).
 ROUNDS = 2
 #: Of the largest singular value: what is below is nothing (numerics: rounding of a product).

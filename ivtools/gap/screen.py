@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..linalg import as_columns
 from ..loop import Simulation
 from ..physics import Term
 from . import spatial_lines
@@ -118,7 +119,7 @@ def _direction(
     if term.law is not None and term.search != "valleys":
         linear = [i for i, p in enumerate(term.parameters) if p.linear]
         names = tuple(term.parameters[i].name for i in linear)
-        forces = np.column_stack([_law(term, i, shape, now) for i in linear or [-1]])
+        forces = as_columns(_law(term, i, shape, now) for i in linear or [-1])
         return _Direction(term, shape, names, side.fold.answers(forces))
     if term.as_force is not None:
         names = tuple(p.name for p in term.parameters if p.linear)

@@ -11,13 +11,13 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
+from ..linalg import fir
 from ..loop import Simulation
 from ..physics import Term
 from .fold import Fold
 from .response import Response, weight
-from .rules import LINE_PERIODS, LINE_SPEEDS, LINE_TOP, LINES, PADDING, POSITION_BINS
+from .rules import LINE_BINS, LINE_PERIODS, LINE_SPEEDS, LINE_TOP, LINES, PADDING, POSITION_BINS
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def strongest(
     q, v = simulation.where, simulation.dq[:, 0]
     full = np.zeros(len(q))
     full[fold.keep] = e
-    back = response.adjoint(signal.lfilter(fold.whitener, [1.0], full[::-1])[::-1])
+    back = response.adjoint(fir(fold.whitener, full[::-1])[::-1])
     return [_peaks(q, v, back, w, fold, response, count) for w in weights]
 
 
@@ -80,7 +80,7 @@ def _peaks(
     lines = np.abs(np.fft.rfft(density, PADDING * POSITION_BINS)) ** 2
     k = np.arange(len(lines)) / (PADDING * stroke)  # 1/m
     top = LINE_TOP / fold.record.dt / max(np.quantile(np.abs(v), 0.9), 1e-300)
-    use = (k > LINE_PERIODS / stroke) & (k < min(top, 0.25 * POSITION_BINS / stroke))
+    use = (k > LINE_PERIODS / stroke) & (k < min(top, POSITION_BINS / (LINE_BINS * stroke)))
     if not use.any():
         return []
     k, lines = k[use], lines[use]

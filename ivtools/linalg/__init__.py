@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ivtools.linalg.autocovariance import segment_starts
-from ivtools.linalg.columns import abs_diag_r, base_columns, projection
+from ivtools.linalg.columns import abs_diag_r, as_columns, base_columns, fir, projection
 from ivtools.linalg.covariance import Covariance, Stack, covariance, estimate_covariance
 from ivtools.linalg.long_run import (
     CovType,
@@ -32,12 +32,14 @@ __all__ = [
     "NoiseModel",
     "Weights",
     "abs_diag_r",
+    "as_columns",
     "automatic_bandwidth",
     "base_columns",
     "block_covariance",
     "check_system",
     "covariance",
     "estimate_covariance",
+    "fir",
     "influence",
     "long_run_variance",
     "projection",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
 from ivtools.linalg.autocovariance import autocovariance, burg, taken
+from ivtools.linalg.columns import fir
 
 Array = NDArray[np.float64]
 Criterion = Literal["aic", "bic"]
@@ -175,9 +176,7 @@ class NoiseModel:
         Where a segment starts, a sample is predicted from what there is, and weighed by the
         accuracy of that: generalised least squares, exactly.
         """
-        from scipy.signal import lfilter
-
-        white: Array = lfilter(self.inverse, np.ones(1), columns, axis=0)
+        white = fir(self.inverse, columns)
         for rows in self._openings(len(columns)):
             m = rows.stop - rows.start
             white[rows] = self._opening[:m, :m] @ columns[rows]

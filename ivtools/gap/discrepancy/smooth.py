@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
+from ...linalg import as_columns
 from ...linalg.swing import Swing
 from ...loop import Simulation
 from ..fit import Fit, normal, orthonormal
 from ..fold import threaded
 from ..rules import (
     ALIKE,
+    BUMPS,
     COARSE_KNOTS,
     COOLING,
     FORGETTING,
@@ -122,7 +124,7 @@ class Basis:
         v, dt = self._speed(run), float(run.t[1] - run.t[0])
         pairs = zip(COOLING, start, strict=True)
         warm = [_leaky(np.abs(v), seconds, dt, before) for seconds, before in pairs]
-        return np.column_stack([w * x for w in warm for x in (np.sign(v), v)])
+        return as_columns(w * x for w in warm for x in (np.sign(v), v))
 
     def _speed(self, run: Simulation) -> Array:
         """Return the velocity, of the largest speed, (n_samples,)."""
@@ -132,7 +134,7 @@ class Basis:
         """Return dry and viscous friction that is periodic over position, (n_samples, m)."""
         q, dq = run.q[:, 0], run.dq[:, 0]
         top = float(self.knots["dq"][-1]) if "dq" in self.knots else float(np.max(np.abs(dq)))
-        friction = np.column_stack([np.sign(dq), dq / max(top, 1e-300)])
+        friction = as_columns([np.sign(dq), dq / max(top, 1e-300)])
         each = [np.exp(2j * np.pi * q / p)[:, None].view(float) for p in self.periods]
         columns = [wave * w[:, None] for w in friction.T for wave in each]
         return np.hstack(columns) if columns else np.empty((len(q), 0))
@@ -145,7 +147,7 @@ class Basis:
 
     def hats(self, name: str, x: Array) -> Array:
         """Return the hat functions of a signal at some values, (n, knots)."""
-        return np.column_stack([np.interp(x, self.knots[name], row) for row in self._unit(name)])
+        return as_columns(np.interp(x, self.knots[name], row) for row in self._unit(name))
 
     def _unit(self, name: str) -> Array:
         return np.eye(len(self.knots[name]))
@@ -196,7 +198,7 @@ def _past(v: Array, dt: float) -> Array:
         p = np.exp((-RINGING_DAMPING + 1j) * 2.0 * np.pi * hz * dt)
         y = signal.lfilter([1.0 - abs(p)], [1.0, -p], v)
         found += [y.real, y.imag]
-    return np.column_stack(found)
+    return as_columns(found)
 
 
 class Columns:
@@ -275,7 +277,7 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
     """Return how much of what lies over position is a line, and no law of the state, 0 to 1.
 
     A smooth law has no room for the line's periods: knots over position that are one period apart.
-    Another law, with four knots a period, takes what the line leaves: bumps are no line.
+    Another law, with `BUMPS` knots a period, takes what the line leaves: bumps are no line.
 
     Parameters
     ----------
@@ -285,7 +287,7 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
         Of the line over position, m or rad.
     """
     runs = [f.fold.simulate(f.loop, f.values) for f in before]
-    smooth, bumps = Basis.of(runs, period), Basis.of(runs, 0.25 * period)
+    smooth, bumps = Basis.of(runs, period), Basis.of(runs, period / BUMPS)
 
     def share(b: Fit, a: Fit, run: Simulation) -> float:
         """Return that of one fold."""

@@ -15,7 +15,7 @@ from scipy import linalg, signal, stats
 
 from ...errors import EstimationError
 from ...limits import LARGEST
-from ...linalg import swing
+from ...linalg import fir, swing
 from ...loop import Simulation
 from ...physics import EFFECTS
 from ...record import Record
@@ -38,7 +38,9 @@ from ..rules import (
     LARGEST_ROOT,
     LEAST_LEFT,
     LEAST_PAIRS,
+    LEAST_PERIOD,
     LEAST_WINDOW,
+    MOST_PERIODS,
     NOISE_ORDER,
     PER_COEFFICIENT,
     PERIODIC,
@@ -130,7 +132,7 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
     for first in (True, False):
         quiet = _quiet(rest, keep, dt)
         whitener = autoregression(rest, quiet)
-        white = signal.lfilter(whitener, [1.0], rest)
+        white = fir(whitener, rest)
         taken = (columns.shape[1] + fit.J.shape[1] + NOISE_ORDER) / max(int(keep.sum()), 1)
         scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, FREE))  # degrees of freedom
         whitener = whitener / scale
@@ -139,7 +141,7 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
                 [columns, response(_lines(fold, response, rest, whitener, simulation))]
             )
         rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt))
-    white = signal.lfilter(whitener, [1.0], rest)
+    white = fir(whitener, rest)
     mask = events(white, keep, dt)
     period = reference_period(fold.record)
     return Floor(
@@ -191,7 +193,7 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     full[fit.fold.keep] = fit.J
     basis = np.column_stack([columns, full])
     basis = basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
-    white = signal.lfilter(whitener, [1.0], np.column_stack([basis, raw]), axis=0)
+    white = fir(whitener, np.column_stack([basis, raw]))
     _require(white)
     A, b = white[:, :-1], white[typical, -1]
     _, size, turn = np.linalg.svd(np.linalg.qr(A[fit.fold.keep], mode="r"))
@@ -271,7 +273,7 @@ def _taken(columns: Array, fit: Fit, whitener: Array) -> Array:
     """
     full = np.zeros((len(columns), fit.J.shape[1]))
     full[fit.fold.keep] = fit.J
-    white = signal.lfilter(whitener, [1.0], np.column_stack([columns, full]), axis=0)
+    white = fir(whitener, np.column_stack([columns, full]))
     white[~fit.fold.keep] = 0.0
     white /= np.maximum(np.linalg.norm(white, axis=0), 1e-300)
     size, turn = np.linalg.eigh(white.T @ white)
@@ -335,7 +337,7 @@ def reference_period(record: Record) -> float | None:
     """Return the period of the reference, s, if it repeats itself at least once."""
     assert record.q_ref is not None
     x = record.q_ref[:, 0] - np.mean(record.q_ref[:, 0])
-    n, least = len(x), max(20, len(x) // 200)
+    n, least = len(x), max(LEAST_PERIOD, len(x) // MOST_PERIODS)
     size = 1 << (2 * n - 1).bit_length()
     spectrum = np.fft.rfft(x, size)
     product = np.fft.irfft(np.abs(spectrum) ** 2, size)[: n // 2 + 1]

@@ -23,15 +23,13 @@ from ..diagnose import diagnose
 from ..diagnosis import Diagnosis
 from ..fit import of_effect
 from ..fold import Doubt, Link
-from ..rules import FAINT, ROUNDS, SMALL_SWING, SWUNG, Rules
+from ..rules import FAINT, POSES, ROUNDS, SMALL_SWING, SWING_IN, SWUNG, Rules
 from ..verdict import lowers
 from .behind import TWO_MASSES, Alone, follow
 from .diagnosis import Coupled, RobotDiagnosis
 from .links import Links, measure
 
 Array = NDArray[np.float64]
-
-_POSES = 50  # at which the mean inertia of a joint is taken
 
 
 def diagnose_robot(
@@ -293,7 +291,7 @@ def alone(
         turned[rows, i] += size * x
         jerked[rows, i] += size * ddx
         unknown.append((asks(turned, jerked) - asked)[:, [j]])
-    poses = problem.motion.q[:: max(len(problem.motion.q) // _POSES, 1)]  # of the fit's own record
+    poses = problem.motion.q[:: max(len(problem.motion.q) // POSES, 1)]  # of the fit's own record
     inertia = float(loop.mass_matrix(poses, values)[:, j, j].mean())
     own = loop.joint_values(j, values)
     load = asked[:, j] - (inertia - own.get("inertia", 0.0)) * ddqs[:, j]
@@ -359,6 +357,6 @@ def errors(fit: FitResults, record: Record) -> dict[str, float]:
     except (IVToolsError, EstimationError):
         return dict.fromkeys(loop.joints, float("nan"))
     gap = loop.force(record) - simulation.tau
-    skipped = gap[record.n_samples // 20 :]
+    skipped = gap[record.n_samples // SWING_IN :]
     rms = np.sqrt(np.mean(skipped**2, axis=0))
     return dict(zip(loop.joints, rms.tolist(), strict=True))

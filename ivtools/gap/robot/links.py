@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from ...errors import IVToolsError
+from ...linalg import fir
 from ...loop import robot_sensitivity
 from ...record import Record
 from ...results import FitResults
@@ -126,7 +126,7 @@ def _normal(A: Array, e: Array, first: int, dt: float) -> tuple[Array, Array]:
     says less: by the ratio of the block-robust to the plain variance of the scores.
     """
     whitener = autoregression(e[first:], np.ones(len(e) - first, dtype=bool))
-    white = signal.lfilter(whitener, [1.0], np.column_stack([A, e]), axis=0)[first:]
+    white = fir(whitener, np.column_stack([A, e]))[first:]
     white /= np.std(white[:, -1])
     A, e = white[:, :-1], white[:, -1]
     P = A.T @ A
