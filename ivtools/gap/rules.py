@@ -424,7 +424,7 @@ CRAWLING = 0.02
 SMALL_SWING = 1e-3
 #: Poses at which the mean inertia of a joint is taken (numerics: to some per cent).
 POSES = 50
-#: Part of a record, 1 / of it, after whose start a robot's errors count: its links swing in (taste).
+#: Part of a record, 1 / of it, after which errors of a robot count: its links swing in (taste).
 SWING_IN = 20
 #: Times that the joints of a robot are diagnosed at most, beside what was named before (cost).
 ROUNDS = 2
