@@ -136,8 +136,8 @@ class Trial:
     def inside(self) -> bool:
         """Whether no parameter is at a bound; 0 and 1 are the natural ends of a share.
 
-        Bounds are where a model stops to mean what its name says: a second mass that would rather
-        be nothing, or creep instead of ring, or a line that does not come twice, mimics something
+        Bounds are where a model stops to mean what its name says: a second mass without inertia, or
+        one that creeps instead of ringing, or a line that does not come twice, mimics something
         else.
         """
         if any(self._beyond(fit) for fit in self.fits):

@@ -247,8 +247,8 @@ def _nothing(diagnosis: Diagnosis) -> list[str]:
     best = next(iter(diagnosis.ranking), None)
     most = "" if best is None else f", {best.effect} {100 * best.closed:.0f} %"
     return [
-        "Nothing is named: no effect that is known closes the gap well enough, alike in both parts "
-        f"of the data. What each closes by itself is listed all the same{most} the most."
+        "Nothing is named: no effect that is known closes the gap well enough in both parts of the "
+        f"data. What each closes by itself is listed all the same{most} the most."
     ]
 
 
