@@ -9,17 +9,18 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, OptimizeResult, differential_evolution
+from scipy.optimize import Bounds, OptimizeResult, differential_evolution, minimize
 from scipy.stats import qmc
 
 from ..loop import ClosedLoop
 from ..physics import Term
 from .discrepancy import a_line, other_waves, unlike_smooth
-from .fit import Fit, gauss_newton, steps
+from .fit import Fit, Inverse, gauss_newton, steps
 from .fold import Fold, Side, block_t
 from .library import Box, Scales, alternatives
 from .rules import (
     CROWD,
+    DELIVERED_POINTS,
     FIRST_CROWD,
     GENERATIONS,
     HOPELESS,
@@ -192,6 +193,8 @@ class Trial:
         thorough = bool(np.min(self.closable) >= rules.thorough.share)
         reached = any(self._reaches(x) for x in (least, rules.steady, rules.dominant))
         reached |= thorough and self._reaches(rules.thorough)
+        dominates = bool(np.max(self.gains) >= rules.dominant.gain)
+        reached |= dominates and self._reaches(rules.one_sided)
         return enough and reached and self.inside and self.lowers and self.distinct
 
     def _reaches(self, least: Threshold) -> bool:
@@ -284,8 +287,9 @@ def phases(loop: ClosedLoop) -> set[str]:
 
 def _extended(side: Side, fit: Fit, term: Term, begin: list[dict[str, float]]) -> Fit:
     """Fit the model with one more effect, from its best starting values."""
-    found, base = [], _beginning(fit, term)
+    found = []
     for values in begin:
+        base = _beginning(fit, term, values)
         loop = fit.loop.with_effect(term, **values)
         step = steps(side.fold, loop, side.scales)
         free = [*fit.free, *_free(term, values)]
@@ -297,12 +301,17 @@ def _extended(side: Side, fit: Fit, term: Term, begin: list[dict[str, float]]) -
     return min(found, key=lambda f: f.cost)
 
 
-def _beginning(fit: Fit, term: Term) -> dict[str, float]:
+def _beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, float]:
     """Return the parameters of a model beside which the search for one more effect begins.
+
+    Beside a drive that does not deliver what is asked of it, those that the force which it delivers
+    shows: without the effect they are bent as far as the loop strays.
 
     A rigid joint that rattles is as heavy as it takes to be jerked; the robot, identified in the
     band of its motion, knows better what it weighs.
     """
+    if term.search == "valleys" and term.law is not None:
+        return {**fit.values, **Inverse.of(fit.fold, fit.loop).values(term, values)}
     if term.search == "valleys" and fit.fold.link is not None:
         return {**fit.values, **{n: v for n, v in fit.loop.start.items() if "." not in n}}
     return fit.values
@@ -352,7 +361,8 @@ def starts(
     """
     term = scores[0].term
     if term.search == "valleys":
-        return (_deepest(sides, fits, term),) * len(sides)
+        search = _deepest if term.law is None else _delivered
+        return (search(sides, fits, term),) * len(sides)
     if term.search == "either":
         return tuple(alternatives(term, s.scales) for s in sides)
     return tuple(s.starts for s in scores)
@@ -399,6 +409,26 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list
             rng=1,
         )
     return [box.point(found.x)] if found.fun <= plain else []
+
+
+def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:
+    """Return the point with which the inverse model explains the motion of both folds best.
+
+    What a drive delivers moves the axis as any force does, however far the loop has strayed from
+    what it does without the effect; the error of its simulation, and the base parameters, say
+    nothing there.
+    """
+    box = Box(term, sides[0].scales)
+    models = [Inverse.of(s.fold, f.loop) for s, f in zip(sides, fits, strict=True)]
+
+    def cost(x: Array) -> float:
+        """Return the cost of a point of the unit cube."""
+        return sum(m.left(term, box.point(x)) for m in models)
+
+    drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(DELIVERED_POINTS)
+    best = min(drawn, key=cost)
+    found = minimize(cost, best, method="Nelder-Mead", bounds=[(0.0, 1.0)] * box.dimensions)
+    return [box.point(found.x)]
 
 
 def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:

@@ -308,10 +308,56 @@ def _bounded(loop: ClosedLoop, name: str, value: float, change: float) -> float:
 
 def start(fold: Fold, loop: ClosedLoop) -> dict[str, float]:
     """Return starting values from the inverse model by least squares."""
-    problem = Problem(fold.record, loop, loop.pipeline(fold.record, "report"))
-    theta = solve_iv(problem.X, problem.y, names=problem.names)
-    found = dict(zip(problem.names, theta.tolist(), strict=True))
-    for name, p in loop.parameters.items():
-        if name in found:
-            found[name] = float(np.clip(found[name], p.lower, p.upper))
-    return loop.values({n: v for n, v in found.items()})
+    return Inverse.of(fold, loop).values()
+
+
+@dataclass(frozen=True, eq=False)
+class Inverse:
+    """The inverse model of a record: what of the force the measured motion explains.
+
+    Parameters
+    ----------
+    problem : Problem
+    """
+
+    problem: Problem
+
+    @classmethod
+    def of(cls, fold: Fold, loop: ClosedLoop) -> Inverse:
+        """Return that of a fold's record."""
+        return cls(Problem(fold.record, loop, loop.pipeline(fold.record, "report")))
+
+    def values(
+        self, term: Term | None = None, point: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Return the parameters by least squares, with what an effect takes of the force."""
+        loop, problem = self.problem.loop, self.problem
+        y = problem.y if term is None else self._force(term, point or {})
+        theta = solve_iv(problem.X, y, names=problem.names)
+        found = dict(zip(problem.names, theta.tolist(), strict=True))
+        for name, p in loop.parameters.items():
+            if name in found:
+                found[name] = float(np.clip(found[name], p.lower, p.upper))
+        return dict(loop.values(found))
+
+    def left(self, term: Term, point: Mapping[str, float]) -> float:
+        """Return the share of the force, less what an effect takes, that no motion explains."""
+        y = self._force(term, point)
+        rest = y - self._basis @ (self._basis.T @ y)
+        return float(rest @ rest) / max(float(y @ y), 1e-300)
+
+    @cached_property
+    def _basis(self) -> Array:
+        return orthonormal(self.problem.X)
+
+    def _force(self, term: Term, point: Mapping[str, float]) -> Array:
+        """Return the rows of the force less what an effect takes of it, N or N m."""
+        record, motion = self.problem.record, self.problem.motion
+        shape = [point.get(p.name, p.neutral) for p in term.parameters]
+        signals = (x[:, 0] for x in (motion.q, motion.dq, motion.ddq))
+        tau = self.problem.loop.force(record)[:, 0]
+        taken = term.force(*signals, shape, tau, record.t - record.t[0])
+        pipeline = self.problem.pipeline
+        return (
+            self.problem.y - pipeline.rows(pipeline.align(taken[:, None]), self.problem.speed)[:, 0]
+        )

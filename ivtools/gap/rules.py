@@ -266,6 +266,8 @@ VALLEY_SAMPLES = 4000
 #: six dimensions, one is met at least; 9 springs, in four, are found as well as from four times as
 #: many).
 FIRST_CROWD = 2
+#: Power of two: points at which the search for what a drive delivers begins (numerics).
+DELIVERED_POINTS = 5
 #: Points per dimension, and generations, of differential evolution (training).
 CROWD, GENERATIONS = 5, 24
 #: Energy that the best point of a generation may leave, of that without the effect; else the search
@@ -486,6 +488,9 @@ class Rules:
         An effect that is as steady as this needs a smaller gain.
     dominant : Threshold
         An effect that removes so much needs fewer blocks in which it shows: a clipped peak.
+    one_sided : Threshold
+        An effect that dominates one record may show little in the other one, if it is as large
+        there: a limit of the drive that a slower motion hardly reaches.
     thorough : Threshold
         The first effect that removes such a `share` of what smooth laws of the state could remove
         at all needs a smaller gain: most of the gap follows no law, as what the axis and a
@@ -520,6 +525,7 @@ class Rules:
     other: Threshold = Threshold(0.02, 6.5, 1.67)
     steady: Threshold = Threshold(0.012, 20.0, 1.25)
     dominant: Threshold = Threshold(0.5, 3.0, 1.25)
+    one_sided: Threshold = Threshold(0.001, 12.0, 1.15)
     thorough: Threshold = Threshold(0.012, 5.0, 1.67, 0.6)
     equivalence: float = 0.12
     equivalence_open: float = 0.25
