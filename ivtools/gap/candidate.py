@@ -379,9 +379,17 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list
 
     R. Storn, K. Price, "Differential evolution", J. Global Optimization 11, 1997.
     """
-    box = Box(term, sides[0].scales)
     costs = [_cost(s.fold, f, term) for s, f in zip(sides, fits, strict=True)]
     plain = sum(c(None) for c in costs)
+    found = [_evolved(costs, plain, box) for box in Box.of(term, sides[0].scales)]
+    cost, best = min(found, key=lambda pair: pair[0])
+    return [best] if cost <= plain else []
+
+
+def _evolved(
+    costs: Sequence[Callable[[Point | None], float]], plain: float, box: Box
+) -> tuple[float, Point]:
+    """Return the least cost in a box, of all folds together, and where it is."""
 
     def cost(x: Array) -> float:
         """Return the cost of a point of the unit cube."""
@@ -408,7 +416,7 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list
             callback=hopeless,
             rng=1,
         )
-    return [box.point(found.x)] if found.fun <= plain else []
+    return float(found.fun), box.point(found.x)
 
 
 def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:
@@ -418,7 +426,7 @@ def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> li
     what it does without the effect; the error of its simulation, and the base parameters, say
     nothing there.
     """
-    box = Box(term, sides[0].scales)
+    (box,) = Box.of(term, sides[0].scales)
     models = [Inverse.of(s.fold, f.loop) for s, f in zip(sides, fits, strict=True)]
 
     def cost(x: Array) -> float:

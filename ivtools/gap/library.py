@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice, product
@@ -89,18 +89,35 @@ class Box:
     """What the starting values of an effect span: the unit cube, stretched.
 
     A side goes from the least to the largest of them, in logarithms unless it begins at zero; of a
-    nuisance the values themselves are the choice. Zero beside several others is one choice in so
-    many: a load without friction moves otherwise than one with very little.
+    nuisance the values themselves are the choice.
+
+    Parameters
+    ----------
+    term : Term
+    grids : mapping
+        Starting values of each parameter the force is not linear in, by short name.
     """
 
     term: Term
-    scales: Scales
+    grids: Mapping[str, list[float]]
+
+    @classmethod
+    def of(cls, term: Term, scales: Scales) -> list[Box]:
+        """Return the boxes of an effect: where zero is one of several values, one for it alone.
+
+        A load without friction moves otherwise than one with very little, and a search that has to
+        hit it by chance ends in the valleys of the others.
+        """
+        grids = _grids(term, scales)
+        absent = {n: [0.0] for n, g in grids.items() if len(g) > 2 and min(g) == 0.0}
+        present = {n: [x for x in grids[n] if x > 0.0] for n in absent}
+        return [cls(term, {**grids, **part}) for part in ([absent, present] if absent else [{}])]
 
     @cached_property
     def _sides(self) -> dict[str, Callable[[float], float]]:
         """What makes a value of a number between 0 and 1, by short name."""
         nuisances = {p.name for p in self.term.parameters if p.nuisance}
-        grids = _grids(self.term, self.scales).items()
+        grids = self.grids.items()
         return {n: _choice(g) if n in nuisances else _span(g) for n, g in grids if len(g) > 1}
 
     @property
@@ -111,7 +128,7 @@ class Box:
     def point(self, x: Array) -> dict[str, float]:
         """Return the parameters at a point of the unit cube, (dimensions,)."""
         moved = {n: side(u) for (n, side), u in zip(self._sides.items(), x.tolist(), strict=True)}
-        return {n: moved.get(n, g[0]) for n, g in _grids(self.term, self.scales).items()}
+        return {n: moved.get(n, g[0]) for n, g in self.grids.items()}
 
     def points(self, power: int) -> list[dict[str, float]]:
         """Return 2^power points that fill the box evenly."""
@@ -126,9 +143,6 @@ def _span(grid: list[float]) -> Callable[[float], float]:
     low, high = min(grid), max(grid)
     if low > 0.0:
         return lambda u: low * (high / low) ** u
-    if len(grid) > 2:
-        some, none = _span([x for x in grid if x > 0.0]), 1.0 / len(grid)
-        return lambda u: some((u - none) / (1.0 - none)) if u >= none else 0.0
     return lambda u: low + u * (high - low)
 
 

@@ -108,7 +108,7 @@ def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[d
     if term.search == "either":
         return alternatives(term, scales)
     if term.search == "valleys":  # a glance: the search waits until the effect is in question
-        return Box(term, scales).points(GLANCE)
+        return [point for box in Box.of(term, scales) for point in box.points(GLANCE)]
     return scans(term, scales)
 
 
