@@ -354,9 +354,9 @@ class Inverse:
         """Return the rows of the force less what an effect takes of it, N or N m."""
         record, motion = self.problem.record, self.problem.motion
         shape = [point.get(p.name, p.neutral) for p in term.parameters]
-        signals = (x[:, 0] for x in (motion.q, motion.dq, motion.ddq))
+        q, dq, ddq = motion.q[:, 0], motion.dq[:, 0], motion.ddq[:, 0]
         tau = self.problem.loop.force(record)[:, 0]
-        taken = term.force(*signals, shape, tau, record.t - record.t[0])
+        taken = term.force(q, dq, ddq, shape, tau, record.t - record.t[0])
         pipeline = self.problem.pipeline
         return (
             self.problem.y - pipeline.rows(pipeline.align(taken[:, None]), self.problem.speed)[:, 0]
