@@ -109,7 +109,8 @@ class Term:
         Integration steps per sample that the effect needs.
     search : str
         How a diagnosis looks for it: ``"scan"`` tries the starting values of its parameters;
-        ``"valleys"`` searches the box they span, for the error has many minima; ``"lines"`` takes
+        ``"valleys"`` searches the box they span, for the error has many minima (that of a force law
+        in the inverse model, which knows the motion however far the loop strays); ``"lines"`` takes
         its ``period`` from the spectrum over position, and its phase, ``cosine`` and ``sine``, is a
         matter of each record; ``"either"`` takes one parameter at a time, for they do the same;
         ``"elsewhere"`` decides at the controller or in time, not by simulation.
