@@ -88,8 +88,7 @@ def measure(ready: Ready) -> Measured:
     if not values.get("inertia", 1.0) > 0.0:  # a pendulum or a spring that the model lacks
         values = {**values, "inertia": rough_inertia(loop, record)}
     heard = response.measure(loop, record, values)
-    known = None if link is None else replace(link, doubt=None)
-    fold = Fold(record, usable(record, loop), np.ones(1), heard, record.name, place, ramp, known)
+    fold = Fold(record, usable(record, loop), np.ones(1), heard, record.name, place, ramp)
     step = steps(fold, loop, scales)
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
     fit = gauss_newton(fold, loop, values, free, step)
