@@ -426,17 +426,20 @@ def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> li
     what it does without the effect; the error of its simulation, and the base parameters, say
     nothing there.
     """
-    (box,) = Box.of(term, sides[0].scales)
     models = [Inverse.of(s.fold, f.loop) for s, f in zip(sides, fits, strict=True)]
 
-    def cost(x: Array) -> float:
-        """Return the cost of a point of the unit cube."""
-        return sum(m.left(term, box.point(x)) for m in models)
+    def best(box: Box) -> tuple[float, Point]:
+        """Return the least cost in a box, and where it is."""
 
-    drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(DELIVERED_POINTS)
-    best = min(drawn, key=cost)
-    found = minimize(cost, best, method="Nelder-Mead", bounds=[(0.0, 1.0)] * box.dimensions)
-    return [box.point(found.x)]
+        def cost(x: Array) -> float:
+            """Return the cost of a point of the unit cube."""
+            return sum(m.left(term, box.point(x)) for m in models)
+
+        begin = min(qmc.Sobol(box.dimensions, rng=1).random_base2(DELIVERED_POINTS), key=cost)
+        found = minimize(cost, begin, method="Nelder-Mead", bounds=[(0.0, 1.0)] * box.dimensions)
+        return float(found.fun), box.point(found.x)
+
+    return [min(map(best, Box.of(term, sides[0].scales)), key=lambda pair: pair[0])[1]]
 
 
 def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
