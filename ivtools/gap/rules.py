@@ -234,7 +234,8 @@ DIVERGED_COLUMN = 1e100
 
 # --- screen and fit: where a search looks -----------------------------------------------------
 
-#: Power of two: starting points of an effect with many minima in the screening (numerics).
+#: Power of two: starting points in each box of an effect with many minima, in the screening
+#: (numerics).
 GLANCE = 3
 #: Relative decrease of the cost below which sensitivities are kept (numerics).
 KEEP_JACOBIAN = 0.01

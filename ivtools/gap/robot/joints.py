@@ -283,11 +283,8 @@ def alone(
     asked = asks(places, ddqs)
     unknown = [_blows(record.n_samples, problem.pipeline.trim[0])]
     for rows, i, x, ddx in loose:
-        size, turned, jerked = (
-            SMALL_SWING / max(float(np.max(np.abs(x))), 1e-300),
-            places.copy(),
-            ddqs.copy(),
-        )
+        size = SMALL_SWING / max(float(np.max(np.abs(x))), 1e-300)
+        turned, jerked = places.copy(), ddqs.copy()
         turned[rows, i] += size * x
         jerked[rows, i] += size * ddx
         unknown.append((asks(turned, jerked) - asked)[:, [j]])
