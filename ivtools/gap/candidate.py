@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +15,7 @@ from scipy.stats import qmc
 from ..loop import ClosedLoop
 from ..physics import Term
 from .discrepancy import a_line, other_waves, unlike_smooth
-from .fit import Fit, Inverse, gauss_newton, steps
+from .fit import Fit, common, gauss_newton, steps
 from .fold import Fold, Side, block_t
 from .library import Box, Scales, alternatives
 from .rules import (
@@ -204,8 +204,8 @@ class Trial:
     def correlation(self, other: Trial) -> float:
         """Return the correlation of what both change on held-out data; 1 for twins."""
         cosines = []
-        for b, h, o in zip(self.before, self.held, other.held, strict=True):
-            x, y = b.e - h.e, b.e - o.e
+        for _, (b, h, plain, o) in self._both(other):
+            x, y = b - h, plain - o
             cosines.append(float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300))
         return min(cosines)
 
@@ -214,15 +214,32 @@ class Trial:
 
         Of both folds together: better on one and worse on the other is no difference.
         """
-        both = zip(self.held, other.held, strict=True)
-        return block_t(np.concatenate([h.fold.block_sums(o.e**2 - h.e**2) for h, o in both]))
+        both = self._both(other)
+        return block_t(np.concatenate([f.block_sums(o**2 - h**2) for f, (_, h, _, o) in both]))
+
+    def _both(self, other: Trial) -> Iterator[tuple[Fold, list[Array]]]:
+        """Yield, per fold, the samples that count for both effects, and the errors there.
+
+        Those without and with this one, and without and with the other.
+        """
+        for fits in zip(self.before, self.held, other.before, other.held, strict=True):
+            keep = fits[0].fold.keep & fits[2].fold.keep
+            fold = fits[0].fold.only(keep, fits[0].fold.label)
+            yield fold, [f.e[keep[f.fold.keep]] for f in fits]
 
 
 def attempt(
     sides: tuple[Side, ...], fits: tuple[Fit, ...], before: tuple[Fit, ...], scores: list[Score]
 ) -> Trial | None:
-    """Fit an effect on each fold, and judge it on the other; None if there is nothing to fit."""
-    term, begin = scores[0].term, starts(sides, fits, scores)
+    """Fit an effect on each fold, and judge it on the other; None if there is nothing to fit.
+
+    One that depends on the position is fitted and judged where both folds have been.
+    """
+    term = scores[0].term
+    if term.local:
+        sides = tuple(s.common for s in sides)
+        fits, before = common(fits), common(before)
+    begin = starts(sides, fits, scores)
     if not all(begin):
         return None
     new = tuple(_extended(s, f, term, b) for s, f, b in zip(sides, fits, begin, strict=True))
@@ -311,7 +328,7 @@ def _beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, f
     band of its motion, knows better what it weighs.
     """
     if term.search == "valleys" and term.law is not None:
-        return {**fit.values, **Inverse.of(fit.fold, fit.loop).values(term, values)}
+        return {**fit.values, **fit.inverse.values(term, values)}
     if term.search == "valleys" and fit.fold.link is not None:
         return {**fit.values, **{n: v for n, v in fit.loop.start.items() if "." not in n}}
     return fit.values
@@ -426,7 +443,7 @@ def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> li
     what it does without the effect; the error of its simulation, and the base parameters, say
     nothing there.
     """
-    models = [Inverse.of(s.fold, f.loop) for s, f in zip(sides, fits, strict=True)]
+    models = [f.inverse for f in fits]
 
     def best(box: Box) -> tuple[float, Point]:
         """Return the least cost in a box, and where it is."""

@@ -30,7 +30,7 @@ from . import (
 )
 from .attribute import Attribution, attribute, cost, probability, upheld
 from .diagnosis import Diagnosis
-from .fit import Fit, gauss_newton, steps
+from .fit import Fit, common, gauss_newton, steps
 from .floor import Measured, Ready, folds, masked, measure, prepared
 from .fold import Fold, Link, threaded
 from .parity import Parity
@@ -340,7 +340,7 @@ def _answer(
         shrink = replace(shrink, judged=quantify.judge(loop, third, result))
     before, after = cost(result.base), cost(result.held)
     tell = task.described and after > DESCRIBED
-    left = discrepancy.describe(result.held, result.laws) if tell else None
+    left = discrepancy.describe(common(result.held), result.laws) if tell else None
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
     changed = verdict.changes(result, task.tolerance) if repeats < REPEATS else {}
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)

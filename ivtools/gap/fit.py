@@ -19,7 +19,7 @@ from ..physics import Term
 from ..problem import Problem
 from .fold import Fold
 from .library import Scales
-from .rules import CONVERGED, JACOBIANS, KEEP_JACOBIAN, REACH, SHORTER, STEP, UNSHOWN
+from .rules import AGAIN, CONVERGED, JACOBIANS, KEEP_JACOBIAN, REACH, SHORTER, STEP, UNSHOWN
 
 Array = NDArray[np.float64]
 
@@ -63,6 +63,23 @@ class Fit:
     def force_rms(self) -> float:
         """Force error, N or N m rms; inf if the loop diverges."""
         return float(np.sqrt(np.mean(self.force_error**2)))
+
+    @cached_property
+    def common(self) -> Fit:
+        """The same model, fitted where the fold that it is compared with has been as well.
+
+        What a law over position does elsewhere, the other record cannot say: a parabola that fits
+        a stroke goes far astray beyond it, and an effect that is there would not replicate.
+        """
+        if self.fold.both is None:
+            return self
+        step = steps(self.fold, self.loop, Scales(self.fold.record, self.loop))
+        return gauss_newton(self.fold.common, self.loop, self.values, self.free, step, AGAIN)
+
+    @cached_property
+    def inverse(self) -> Inverse:
+        """The inverse model of the fold's record."""
+        return Inverse.of(self.fold, self.loop)
 
     @cached_property
     def _covariances(self) -> tuple[Array, Array]:
@@ -167,6 +184,11 @@ def _law_change(
     more = (simulation.tau[:, 0], simulation.t - simulation.t[0])
     now, then = ([values[n] + step * (n == name) * on for n in term.names] for on in (0, 1))
     return (term.force(q, dq, ddq, then, *more) - term.force(q, dq, ddq, now, *more)) / step
+
+
+def common(fits: Sequence[Fit]) -> tuple[Fit, ...]:
+    """Return fits, one on each fold, on what both of these have in common."""
+    return tuple(f.common for f in fits)
 
 
 def gauss_newton(

@@ -142,6 +142,8 @@ class Fold:
     smooth : float
         Whitened energy that smooth laws of the state leave beside the base model. Noise that is
         larger here than there leaves more than 1, and no law explains that.
+    both : ndarray of bool, (n_samples,), optional
+        Samples where, and when, the fold that it is compared with has been as well, if not all.
     """
 
     record: Record
@@ -153,6 +155,7 @@ class Fold:
     ramp: bool = False
     link: Link | None = None
     smooth: float = 1.0
+    both: Mask | None = None
 
     @property
     def n_kept(self) -> int:
@@ -257,13 +260,19 @@ class Fold:
         """Return the fold of those of its samples that are kept."""
         return replace(self, keep=self.keep & keep, label=label)
 
+    @property
+    def common(self) -> Fold:
+        """The fold of those of its samples where the other one has been as well."""
+        if self.both is None:
+            return self
+        return replace(self, keep=self.keep & self.both, both=None)
+
     def stretch(self, start: int, stop: int) -> Fold:
         """Return the fold of some samples in a row."""
         rows = slice(start, stop)
         place = None if self.place is None else self.place[rows]
-        return replace(
-            self, record=self.record.slice(start, stop), keep=self.keep[rows], place=place
-        )
+        part = self.record.slice(start, stop)
+        return replace(self, record=part, keep=self.keep[rows], place=place, both=None)
 
 
 def threaded(f: Callable[..., T], *items: Iterable[Any]) -> list[T]:
@@ -343,3 +352,8 @@ class Side:
     scales: Scales
     rough: float = 0.0
     simulated: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False)
+
+    @property
+    def common(self) -> Side:
+        """It where the other fold has been as well."""
+        return self if self.fold.both is None else replace(self, fold=self.fold.common)

@@ -14,7 +14,7 @@ from ..loop import ClosedLoop
 from ..units import quantity
 from .attribute import Attribution
 from .candidate import phases
-from .fit import Fit, gauss_newton, steps
+from .fit import Fit, common, gauss_newton, steps
 from .floor import Measured
 from .library import Scales
 from .parity import Parity
@@ -84,7 +84,7 @@ def changes(result: Attribution, tolerance: float) -> dict[str, Setting]:
     """
     if result.fits[0].fold.record is result.fits[1].fold.record:
         return {}
-    one, two = (_told_apart(fit) for fit in result.fits)
+    one, two = (_told_apart(fit) for fit in common(result.fits))
     if max(one.cost, two.cost) > STEADY:
         return {}
     found = {}

@@ -163,6 +163,26 @@ class Term:
         prefix = "" if self.base else f"{self.name}."
         return tuple(prefix + p.name for p in self.parameters)
 
+    @cached_property
+    def local(self) -> bool:
+        """Whether what it does depends on where the axis is, or on the time.
+
+        A record says nothing of such an effect where, or when, it has not been. A law is asked
+        along a small motion, and the same elsewhere and later.
+        """
+        if self.law is None:
+            return self.search == "lines"
+        t = np.linspace(0.0, 1.0, 50)
+        motion = 0.3 * np.sin(7.0 * t), 2.1 * np.cos(7.0 * t), -14.7 * np.sin(7.0 * t)
+        values = [float(np.clip(0.5, p.lower, p.upper)) for p in self.parameters]
+
+        def along(q: float, later: float) -> NDArray[np.float64]:
+            """Return the force along the motion, from another place and time."""
+            return self.force(motion[0] + q, *motion[1:], values, 3.0 + np.sin(4.0 * t), t + later)
+
+        here = along(0.0, 0.0)
+        return not all(np.allclose(here, x, equal_nan=True) for x in (along(0.1, 0.0), along(0, 1)))
+
     def force(
         self,
         q: ArrayLike,

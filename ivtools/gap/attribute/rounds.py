@@ -6,7 +6,7 @@ largest gain gets the name, and what is not distinguishable from it is said to b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...physics import EFFECTS, Term
 from ..candidate import Trial, attempt
 from ..fit import Fit
-from ..fold import Side, threaded
+from ..fold import Fold, Side, threaded
 from ..rules import ADEQUATE, CLEAN, DRAWS, RIVAL, ROUGH, TIE, TWIN, WORTH_A_FIT, Rules
 from ..screen import Score, screen
 from .evidence import cost
@@ -35,7 +35,7 @@ class Round:
     trials : tuple of Trial
         Everything that was fitted.
     scores : tuple of ndarray, (n_effects, n_blocks)
-        Per fold, what each block says against each effect that was screened.
+        Per fold, what each block says against each effect that was screened, and that was fitted.
     qualified : tuple of Trial
         What reaches its threshold, and nearly the largest gain of those, which gets the name.
     measured : str
@@ -137,7 +137,10 @@ def play(
     new = [t for t in trials if t.name not in similar or t.removed > least]
     near = (1.0 - rules.equivalence_open) * _largest(new, rules)
     qualified = tuple(t for t in new if 0.0 < near <= t.gain and t.passes(rules))
-    scores = tuple(np.array([s.scores for s in f.values()]) for f in found)
+    scores = tuple(
+        _scores(side.fold, f, [(t.before[i], t.held[i]) for t in trials])
+        for i, (side, f) in enumerate(zip(sides, found, strict=True))
+    )
     return Round(_gains(found), trials, scores, qualified, seen, rules.equivalence_open)
 
 
@@ -206,15 +209,21 @@ def pvalues(first: Round, draws: int = DRAWS) -> dict[str, float]:
         return {}
     rng = np.random.default_rng(np.random.SeedSequence(list(b"max-t")))
     worst = np.zeros(draws)
-    for side, screened in enumerate(first.scores):
-        fitted = [_scores(t.before[side], t.held[side]) for t in first.trials]
-        scores = np.vstack([*screened, *fitted])
+    for scores in first.scores:
         signs = rng.choice([-1.0, 1.0], size=(draws, scores.shape[1]))
         size = np.maximum(np.linalg.norm(scores, axis=1), 1e-300)
         worst = np.maximum(worst, np.max(np.abs(signs @ scores.T) / size, axis=1))
     return {t.name: float(np.mean(worst >= max(np.min(t.t), 0.0))) for t in first.trials}
 
 
-def _scores(before: Fit, held: Fit) -> Array:
-    change = before.e - held.e
-    return held.fold.block_sums(change * held.e)
+def _scores(fold: Fold, screened: dict[str, Score], pairs: Iterable[tuple[Fit, Fit]]) -> Array:
+    """Return what each block of a fold says against what was screened, and against what was fitted.
+
+    Of the latter, fits without and with an effect, on all of the fold or a part of it.
+    """
+    found = [s.scores for s in screened.values()]
+    for before, held in pairs:
+        against = np.zeros(len(fold.keep))
+        against[held.fold.keep] = (before.e - held.e) * held.e
+        found.append(fold.block_sums(against[fold.keep]))
+    return np.array(found)

@@ -19,7 +19,7 @@ from ...loop import ClosedLoop
 from ...physics import Term
 from ..candidate import Trial, frozen
 from ..discrepancy import Laws, Spline, advantage, beside, fitted, least_t
-from ..fit import Fit, gauss_newton, of_effect, steps
+from ..fit import Fit, common, gauss_newton, of_effect, steps
 from ..fold import Side, threaded
 from ..library import library
 from ..rules import (
@@ -156,9 +156,10 @@ class Attribution:
         if self.laws is None:
             return True
         before = [self.base, *(r.best.held for r in earlier if r.best is not None)]
-        *others, own = (fitted(fits, self.laws) for fits in (*before, self.full or self.held))
+        models = [common(fits) for fits in (*before, self.full or self.held)]
+        *others, own = (fitted(fits, self.laws) for fits in models)
         least = least_t(trial.gain)
-        return all(advantage(self.base, other, own) > least for other in others)
+        return all(advantage(models[0], other, own) > least for other in others)
 
     @cached_property
     def pvalues(self) -> dict[str, float]:
@@ -174,6 +175,8 @@ def attribute(
     without: tuple[str, ...] = (),
 ) -> Attribution:
     """Name the effects by forward selection and backward elimination.
+
+    As soon as one of them depends on the position, all are judged where both folds have been.
 
     Parameters
     ----------
@@ -195,12 +198,15 @@ def attribute(
         winner = rounds[-1].best
         if winner is None or _doubtful(winner, rounds[-1], base, rules):
             break
+        if winner.term.local and any(s.fold.both is not None for s in sides):
+            sides = tuple(s.common for s in sides)
+            return attribute(sides, common(base), rules, extra, without)
         best.append(winner)
         if cost(winner.held) < CLEAN:  # at the floor: nothing is left to have a name
             break
-    models = [base, *(t.held for t in best)]
-    left = bool(best) and cost(models[-1]) >= min(CLEAN, MORE * lawless(base))  # to be described
-    laws = next(filter(None, map(Laws.of, models[::-1])), None) if left else None
+    left = bool(best) and cost(best[-1].held) >= min(CLEAN, MORE * lawless(base))  # to describe
+    models = [common(fits) for fits in (base, *(t.held for t in best))] if left else []
+    laws = next(filter(None, map(Laws.of, models[::-1])), None)
     seen = bool(best) and best[0].name == rounds[0].measured
     own = [t.unlike > UNLIKE_SMOOTH for t in best]
     best = best[: len(best) if laws is None else _told(models, laws, own, rules, int(seen))]
@@ -295,10 +301,10 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
     """
     if not found.named or found.rounds[0].measured in found.named:
         return found
-    held = frozen(sides, found.fits)
-    laws = Laws.of(held)
+    models = [common(fits) for fits in (base, frozen(sides, found.fits))]
+    laws = Laws.of(models[-1])
     own = [any(t.unlike > UNLIKE_SMOOTH for _, t in found._winners.values())]
-    if laws is None or _told([base, held], laws, own, found.rules):
+    if laws is None or _told(models, laws, own, found.rules):
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 

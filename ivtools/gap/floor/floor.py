@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, signal, stats
+from scipy import signal, stats
 
 from ...errors import EstimationError
 from ...limits import LARGEST
-from ...linalg import fir, swing
+from ...linalg import NoiseModel, fir, swing
 from ...loop import Simulation
 from ...physics import EFFECTS
 from ...record import Record
@@ -242,7 +242,7 @@ def autoregression(x: Array, mask: Mask) -> Array:
     r[0] *= 1.0 + 1e-6
     if not r[0] > 0.0:
         return np.ones(1)
-    return _stable(np.concatenate([[1.0], -linalg.solve_toeplitz(r[:-1], r[1:])]))
+    return _stable(NoiseModel.from_autocovariance(r).inverse)
 
 
 def _stable(whitener: Array) -> Array:

@@ -116,37 +116,32 @@ def measure(ready: Ready) -> Measured:
 
 def masked(m: Measured) -> Measured:
     """Return a record without the stretches that stand out."""
-    return _kept(m, ~m.floor.event_mask) if m.floor.isolated else m
-
-
-def within(m: Measured, other: Measured) -> Measured:
-    """Leave out positions where the other record has not been, and times that it has not seen.
-
-    What a law does there, the other record cannot say: a parabola that fits a stroke goes far
-    astray beyond it, and an effect that is there would not replicate.
-    """
-    inside = np.ones(m.fold.record.n_samples, dtype=bool)
-    for signal in (lambda r: r.q[:, 0], lambda r: r.t - r.t[0]):
-        here, seen = (signal(x.fold.record) for x in (m, other))
-        margin = BEYOND * float(np.ptp(seen))
-        inside &= (here >= np.min(seen) - margin) & (here <= np.max(seen) + margin)
-    kept = float(np.mean(inside[m.side.fold.keep]))
-    return _kept(m, inside) if COMMON < kept < 1.0 else m
-
-
-def _kept(m: Measured, rows: NDArray[np.bool_]) -> Measured:
-    """Return a record judged on some of its samples."""
-    fold = m.side.fold.only(rows, m.side.fold.label)
+    if not m.floor.isolated:
+        return m
+    fold = m.fold.only(~m.floor.event_mask, m.fold.label)
     step = steps(fold, m.base.loop, m.side.scales)
     fit = gauss_newton(fold, m.base.loop, m.base.values, m.base.free, step, AGAIN)
     return replace(m, side=replace(m.side, fold=fold), base=fit)
 
 
+def beside(m: Measured, other: Measured) -> Measured:
+    """Return a record that knows where the other one has been, and which times it has seen."""
+    inside = np.ones(m.fold.record.n_samples, dtype=bool)
+    for signal in (lambda r: r.q[:, 0], lambda r: r.t - r.t[0]):
+        here, seen = (signal(x.fold.record) for x in (m, other))
+        margin = BEYOND * float(np.ptp(seen))
+        inside &= (here >= np.min(seen) - margin) & (here <= np.max(seen) + margin)
+    if not COMMON < float(np.mean(inside[m.fold.keep])) < 1.0:
+        return m
+    fold = replace(m.fold, both=inside)
+    return replace(m, side=replace(m.side, fold=fold), base=replace(m.base, fold=fold))
+
+
 def folds(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit, ...]]:
-    """Return two folds: two records where both have been, or alternating stretches of one."""
+    """Return two folds: two records, or alternating stretches of one."""
     if len(measured) == 2:
         one, two = measured
-        both = (within(one, two), within(two, one))
+        both = (beside(one, two), beside(two, one))
         return tuple(m.side for m in both), tuple(m.base for m in both)
     (only,) = measured
     fold = only.side.fold
