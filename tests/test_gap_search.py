@@ -7,7 +7,9 @@ import pytest
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap import candidate
+from ivtools.gap import candidate, parity
+from ivtools.gap.attribute import attribute
+from ivtools.gap.floor import folds, measure, prepared
 from ivtools.gap.floor.floor import _refit
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
@@ -192,6 +194,30 @@ def test_records_are_compared_where_both_have_been():
     (remark,) = [x for x in gap.advice if "where the other record has not" in x]
     assert remark.startswith("16 s, seed 2: ")
     assert gap.traces.keep.sum() > 0.9 * np.sum(two.t > 0.15)  # but judged on all of it
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "local"),
+    [
+        ("drive-timing", {"lag": 1.5e-3}, False),
+        ("asymmetric-viscous", {"delta": 60.0}, False),
+        ("position-friction", {"slope": 90.0, "curvature": -330.0}, True),
+    ],
+)
+def test_only_what_depends_on_the_position_is_judged_where_both_have_been(effect, values, local):
+    loop, theta = axis(effect, **values)
+    records = [
+        moves.record(loop, theta, 12.0, seed, stroke=(0.0, width))
+        for seed, width in ((1, 0.12), (2, 0.245))
+    ]
+    base = iv.axes.emps()
+    measured = tuple(measure(prepared(r, parity.check(r, base), records)) for r in records)
+    found = attribute(*folds(measured), Rules())
+    assert found.named == (effect,)
+    assert EFFECTS[effect].local == local
+    kept = [fit.fold.n_kept / m.fold.n_kept for fit, m in zip(found.held, measured, strict=True)]
+    assert kept[0] == 1.0
+    assert (kept[1] < 0.9) == local
 
 
 def test_an_interval_holds_the_level_in_95_cases_of_100():

@@ -147,11 +147,11 @@ def remarks(
     lines = []
     for m, compared in zip(measured, result.base, strict=False):
         p, name = m.parity, m.fold.record.name
-        beyond = 1.0 - compared.fold.n_kept / m.fold.n_kept
+        beyond = 1.0 - compared.fold.common.n_kept / m.fold.n_kept
         if held_out and not m.floor.isolated and beyond > REMARK:
             lines.append(
                 f"{name}: in {100 * beyond:.0f} % of it the axis is where the other record has not "
-                "been, or later than that; effects are named from the rest"
+                "been, or later than that; effects of position or time are named from the rest"
             )
         if p.delay != loop.controller.delay:
             lines.append(
