@@ -14,7 +14,7 @@ from ivtools.gap.floor.floor import _refit
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
 from ivtools.gap.rules import SWINGING, Rules
-from ivtools.linalg.swing import Swing, strongest
+from ivtools.linalg.swing import Swing, Swings
 from ivtools.physics import EFFECTS
 
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -132,11 +132,13 @@ def test_a_swing_is_found_in_noise():
     ddq, keep = np.sign(np.sin(2.0 * np.pi * 0.23 * np.arange(8000) * dt)), np.full(8000, True)
     noise = rng.normal(size=8000)
     ringing = 20.0 * Swing(1.3, 0.02).of(ddq, dt)[:, 1]
-    found = strongest(ddq, ringing + noise, keep, dt)
+    swings = Swings(ddq, keep, dt)
+    found = swings.strongest(ringing + noise)
     assert found.swing.hz == pytest.approx(1.3, rel=0.01)
     assert found.swing.damping == pytest.approx(0.02, rel=0.2)
-    assert found.share > SWINGING > strongest(ddq, noise, keep, dt).share
-    assert strongest(ddq, 0.0 * noise, keep, dt).share == 0.0
+    assert found.share > SWINGING > swings.strongest(noise).share
+    assert swings.strongest(0.0 * noise).share == 0.0
+    assert Swings(0.0 * ddq, keep, dt).strongest(noise).share == 0.0
 
 
 def test_alternatives_act_one_at_a_time(scales):

@@ -193,7 +193,7 @@ def test_a_name_falls_where_a_force_without_one_explains_more():
         return SimpleNamespace(fold=sums, e=e, J=np.ones((2000, 1)), cost=float(np.mean(e**2)))
 
     def spline(size):
-        return Spline((), (), 0.0, (noise + size * shape,))
+        return Spline((), 0.0, (noise + size * shape,))
 
     base, rules = (fit(3.0),), Rules()
     assert _outdone(base, (fit(1.7),), spline(0.0), spline(0.0), rules)

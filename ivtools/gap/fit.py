@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..linalg import as_columns, solve_iv
+from ..linalg import as_columns, orthonormal, solve_iv
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..problem import Problem
@@ -289,12 +289,6 @@ def normal(A: Array, b: Array, rcond: float) -> Array:
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
         return np.zeros((A.shape[1], *b.shape[1:]))
     return np.asarray(np.linalg.lstsq(A.T @ A, A.T @ b, rcond=rcond**2)[0], dtype=float)
-
-
-def orthonormal(J: Array) -> Array:
-    """Return an orthonormal basis of the space of some columns, (n, m)."""
-    scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    return np.asarray(np.linalg.qr(J / scale)[0])
 
 
 def _search(

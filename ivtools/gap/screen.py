@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..linalg import as_columns
+from ..linalg import as_columns, orthonormal
 from ..loop import Simulation
 from ..physics import Term
 from . import spatial_lines
-from .fit import Fit, normal, orthonormal
+from .fit import Fit, normal
 from .fold import Fold, Side
 from .library import Box, Scales, alternatives, scans
 from .rules import DIVERGED_COLUMN, GLANCE

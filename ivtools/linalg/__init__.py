@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from ivtools.linalg.autocovariance import segment_starts
-from ivtools.linalg.columns import abs_diag_r, as_columns, base_columns, fir, projection
+from ivtools.linalg.columns import (
+    abs_diag_r,
+    as_columns,
+    base_columns,
+    fir,
+    orthonormal,
+    projection,
+)
 from ivtools.linalg.covariance import Covariance, Stack, covariance, estimate_covariance
 from ivtools.linalg.long_run import (
     CovType,
@@ -42,8 +49,9 @@ __all__ = [
     "fir",
     "influence",
     "long_run_variance",
-    "projection",
     "norms_of",
+    "orthonormal",
+    "projection",
     "reweighted",
     "score_covariance",
     "segment_starts",

@@ -91,6 +91,20 @@ def abs_diag_r(X: Array) -> Array:
     return np.abs(np.diag(np.linalg.qr(np.asarray(X, dtype=float), mode="r")))
 
 
+def orthonormal(columns: Array) -> Array:
+    """Return an orthonormal basis (N, k) of the space of columns (N, k), whatever their sizes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> orthonormal(np.array([[3e9, 0.0], [4e9, 1.0]])).round(3)
+    array([[-0.6, -0.8],
+           [-0.8,  0.6]])
+    """
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.asarray(np.linalg.qr(columns / scale)[0])
+
+
 def projection(Z: Array, columns: Array) -> Array:
     """Project columns (N, k) on the space of Z (N, m), Z (Z'Z)^-1 Z' columns, by QR.
 

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, signal
 
+from ivtools.linalg.columns import orthonormal
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -60,46 +62,60 @@ class Found(NamedTuple):
     share: float
 
 
-def strongest(answer: Array, x: Array, keep: Mask, dt: float) -> Found:
-    """Return the swing that explains most of a signal.
+class Swings:
+    """The swings that may be in signals which answer the same acceleration.
 
-    A resonance and the loop are linear both: what the swing does to the signal is the resonance of
-    what the acceleration itself would do. So the search runs on means of few samples.
+    A resonance and the loop are linear both: what a swing does to a signal is the resonance of
+    what the acceleration itself would do. So the search runs on means of few samples, and what
+    every point of its grid does is known before a signal is.
 
     Parameters
     ----------
     answer : ndarray, (n_samples,)
-        Of the signal to a force as large as the acceleration.
-    x : ndarray, (n_samples,)
-        The signal; 0 where it does not count.
+        Of the signals to a force as large as the acceleration.
     keep : ndarray of bool, (n_samples,)
         Samples that count.
     dt : float
     """
-    width = max(round(1.0 / (_RATE * _HZ[1] * dt)), 1)
-    count = len(x) // width
 
-    def mean(s: Array) -> Array:
+    def __init__(self, answer: Array, keep: Mask, dt: float) -> None:
+        self.width = max(round(1.0 / (_RATE * _HZ[1] * dt)), 1)
+        self.dt = dt * self.width
+        self.answer = self._mean(answer)
+        self.counts = self._mean(keep.astype(float)) == 1.0
+        self.lowest = max(_HZ[0], 2.0 / (dt * len(answer)))  # it must come twice
+        self.grid: list[Swing] = []
+        if np.isfinite(self.answer).all() and self.answer.any() and self.lowest < _HZ[1]:
+            points = product(np.geomspace(self.lowest, _HZ[1], _TRIES), _DAMPING)
+            self.grid = [Swing(float(hz), damping) for hz, damping in points]
+        self.units = np.array([self._unit(point) for point in self.grid])  # (points, 2, n)
+
+    def strongest(self, x: Array) -> Found:
+        """Return the swing that explains most of a signal, (n_samples,), 0 where none counts."""
+        y = self._mean(x)[self.counts]
+        energy = float(y @ y)
+        if not (self.grid and energy > 0.0):
+            return Found(Swing(_HZ[0], _DAMPING[-1]), 0.0)
+
+        def left(point: Array) -> float:
+            """Return the share that a swing leaves, at the logarithms of its parameters."""
+            hz, damping = np.exp(point)
+            if not (self.lowest <= hz <= _HZ[1] and damping <= _DAMPING[-1]):  # more is no swing
+                return 1.0
+            b = self._unit(Swing(float(hz), float(damping))) @ y
+            return 1.0 - float(b @ b) / energy
+
+        best = self.grid[int(np.argmax(np.sum((self.units @ y) ** 2, axis=1)))]
+        first = np.log([best.hz, best.damping])
+        found = optimize.minimize(left, first, method="Nelder-Mead", options={"maxfev": _TRIES})
+        hz, damping = np.exp(found.x if found.fun < 1.0 else first)
+        return Found(Swing(float(hz), float(damping)), 1.0 - float(found.fun))
+
+    def _mean(self, s: Array) -> Array:
         """Return the means of few samples each."""
-        return np.asarray(s[: count * width].reshape(count, width).mean(axis=1))
+        count = len(s) // self.width
+        return np.asarray(s[: count * self.width].reshape(count, self.width).mean(axis=1))
 
-    a, y, counts = mean(answer), mean(x), mean(keep.astype(float)) == 1.0
-    energy = float(y[counts] @ y[counts])
-    lowest = max(_HZ[0], 2.0 / (dt * len(x)))  # it must come twice
-    if not (energy > 0.0 and np.isfinite(a).all()) or lowest >= _HZ[1]:
-        return Found(Swing(_HZ[0], _DAMPING[-1]), 0.0)
-
-    def left(point: Array) -> float:
-        """Return the share of the signal that a swing leaves, at logarithms of its parameters."""
-        hz, damping = np.exp(point)
-        if not (lowest <= hz <= _HZ[1] and damping <= _DAMPING[-1]):  # more is no swing
-            return 1.0
-        C = Swing(float(hz), float(damping)).of(a, dt * width)[counts]
-        b = C.T @ y[counts]
-        return 1.0 - float(b @ np.linalg.lstsq(C.T @ C, b, rcond=None)[0]) / energy
-
-    grid = product(np.geomspace(lowest, _HZ[1], _TRIES), _DAMPING)
-    first = min((np.log(point) for point in grid), key=left)
-    found = optimize.minimize(left, first, method="Nelder-Mead", options={"maxfev": _TRIES})
-    hz, damping = np.exp(found.x if found.fun < 1.0 else first)
-    return Found(Swing(float(hz), float(damping)), 1.0 - float(found.fun))
+    def _unit(self, swing: Swing) -> Array:
+        """Return what a swing does as two orthonormal signals, (2, n)."""
+        return orthonormal(swing.of(self.answer, self.dt)[self.counts]).T

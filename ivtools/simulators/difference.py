@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ivtools.errors import ConvergenceWarning, EstimationError, IVToolsError, RecordError
 from ivtools.estimators.input_error import CLIE, DIDIM
 from ivtools.estimators.least_squares import IDIMLS
-from ivtools.linalg.swing import strongest
+from ivtools.linalg.swing import Swings
 from ivtools.problem import Problem
 from ivtools.record import Record
 from ivtools.units import quantity
@@ -179,7 +179,7 @@ def _swinging(
     ddq = np.gradient(dq, dt)
     rigid = np.column_stack([ddq, dq, np.sign(dq), np.ones(len(dq))])
     beyond = left[:, 0] - rigid @ np.linalg.lstsq(rigid, left[:, 0], rcond=None)[0]
-    found = strongest(ddq, beyond, np.ones(len(dq), dtype=bool), dt)
+    found = Swings(ddq, np.ones(len(dq), dtype=bool), dt).strongest(beyond)
     if found.share < _SEEN:
         return loop, base
     load = {"frequency_hz": found.swing.hz, "damping": found.swing.damping, "load_share": _LOAD}

@@ -276,7 +276,7 @@ def _outdone(
         Of what either leaves.
     """
     saved = cost(held) - plain.cost
-    alone = Spline((), (), 0.0, tuple(beside(h, h.e[:, None])[:, 0] for h in held))
+    alone = Spline((), 0.0, tuple(beside(h, h.e[:, None])[:, 0] for h in held))
     return (
         saved > rules.equivalence_open * (cost(base) - plain.cost)
         and advantage(base, alone, plain) > least_t(saved / cost(held))

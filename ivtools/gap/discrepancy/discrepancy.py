@@ -11,7 +11,7 @@ Science 11(2), 1996.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ...linalg import swing
+from ...linalg.swing import Swing, Swings
 from ...loop import Simulation
 from .. import spatial_lines
 from ..fit import Fit, normal
@@ -102,15 +102,14 @@ def describe(fits: Sequence[Fit], laws: Laws | None = None) -> Discrepancy | Non
     found = fitted(fits, laws) if laws is not None else None
     if laws is None or found is None or not found.over:
         return None
+    forces = found.force()
     own = [_base_forces(f, r) for f, r in zip(fits, laws.runs, strict=True)]
-    beyond = [
-        _beyond(x[f.fold.keep], B) for f, x, B in zip(fits, found.force, own, strict=True)
-    ]  # fmt: skip
+    beyond = [_beyond(x[f.fold.keep], B) for f, x, B in zip(fits, forces, own, strict=True)]
     whole = float(np.sqrt(np.mean(np.concatenate(beyond) ** 2)))
     if whole < DISCREPANCY_SIZE * min(f.force_rms for f in fits):
         return None
     unit = "N" if fits[0].loop.joint == "prismatic" else "N m"
-    curve = _curve(laws.basis, found.over[0], laws.runs, found.force)
+    curve = _curve(laws.basis, found.over[0], laws.runs, forces)
     return Discrepancy(whole, unit, found.over, found.gain, curve)
 
 
@@ -131,6 +130,8 @@ class Laws:
         Of the whitened error.
     squares : tuple of ndarray, (m, m)
         Their products with each other.
+    swings : tuple of Swings
+        Loads that may hang from the axis.
     splines : dict
         Those that were fitted to what models leave, by their fits.
     """
@@ -141,6 +142,7 @@ class Laws:
     place: dict[str, NDArray[np.int_]]
     answers: tuple[Array, ...]
     squares: tuple[Array, ...]
+    swings: tuple[Swings, ...]
     splines: dict[tuple[Fit, ...], Spline] = field(default_factory=dict, init=False)
 
     @classmethod
@@ -156,7 +158,9 @@ class Laws:
         place = _places(parts[0])
         forces = tuple(np.hstack(list(p.values())) for p in parts)
         answers = tuple(threaded(lambda f, F: f.fold.answers(F), fits, forces))
-        return cls(basis, runs, forces, place, answers, tuple(threaded(lambda A: A.T @ A, answers)))
+        squares = tuple(threaded(lambda A: A.T @ A, answers))
+        swings = tuple(threaded(_swings, fits, runs))
+        return cls(basis, runs, forces, place, answers, squares, swings)
 
 
 def _places(parts: Mapping[str, Array], first: int = 0) -> dict[str, NDArray[np.int_]]:
@@ -185,20 +189,20 @@ class Spline:
 
     Parameters
     ----------
-    force : tuple of ndarray, (n_samples,)
-        What it is on each fold, from both together, N or N m.
     over : tuple of str
         What it depends on, in the order in which it was found; empty if nothing repeats.
     gain : float
         Share of the whitened energy that it removes on held-out data.
     left : tuple of ndarray, (n_kept,)
         Whitened error that the spline of either fold leaves on the other one.
+    force : callable, optional
+        Returns what it is on each fold, from both together, N or N m, (n_samples,) each.
     """
 
-    force: tuple[Array, ...]
     over: tuple[str, ...]
     gain: float
     left: tuple[Array, ...]
+    force: Callable[[], tuple[Array, ...]] = tuple
 
     @property
     def cost(self) -> float:
@@ -226,8 +230,8 @@ def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
     while then := next((s for s in search.ahead(now) if _tells(fits, search.rests, now, s)), None):
         now = then
     left = tuple(e + a for e, a in zip(search.rests, now.answers, strict=True))
-    laws.splines[tuple(fits)] = Spline(search.force(now), now.over, now.gain, left)
-    return laws.splines[tuple(fits)]
+    found = Spline(now.over, now.gain, left, lambda: search.force(now))
+    return laws.splines.setdefault(tuple(fits), found)
 
 
 def _tells(fits: Sequence[Fit], rests: Sequence[Array], now: _Step, then: _Step) -> bool:
@@ -275,17 +279,16 @@ def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ..
     return tuple(found)
 
 
-def _swings(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[swing.Swing, ...]:
-    """Return the most likely load that hangs from the axis, of each fold."""
+def _swings(f: Fit, run: Simulation) -> Swings:
+    """Return the loads that may hang from the axis, along a motion."""
+    return Swings(f.fold.heard(run.ddq[:, 0]), f.fold.keep, f.fold.record.dt)
 
-    def found(f: Fit, run: Simulation) -> swing.Swing:
-        """Return that of one fold."""
-        e = np.zeros(len(run.t))
-        e[f.fold.keep] = beside(f, f.e[:, None])[:, 0]
-        answer = f.fold.heard(run.ddq[:, 0])
-        return swing.strongest(answer, e, f.fold.keep, f.fold.record.dt).swing
 
-    return tuple(threaded(found, fits, runs))
+def _swing(f: Fit, swings: Swings) -> Swing:
+    """Return the most likely load that hangs from the axis."""
+    e = np.zeros(len(f.fold.keep))
+    e[f.fold.keep] = beside(f, f.e[:, None])[:, 0]
+    return swings.strongest(e).swing
 
 
 def _warmth(fits: Sequence[Fit], runs: Sequence[Simulation], basis: Basis) -> tuple[Array, ...]:
@@ -331,12 +334,13 @@ class _Search:
     """
 
     def __init__(self, fits: Sequence[Fit], laws: Laws) -> None:
-        periods, swings = _periods(fits, laws.runs), _swings(fits, laws.runs)
+        periods = _periods(fits, laws.runs)
+        swings = tuple(threaded(_swing, fits, laws.swings))
         basis = replace(laws.basis, periods=periods, swings=swings)
         parts = _alike([{"wave": basis.waves(r), "swing": basis.swinging(r)} for r in laws.runs])
         more = [np.hstack(list(p.values())) for p in parts]
         self.place = {**laws.place, **_places(parts[0], len(laws.squares[0]))}
-        self.forces = [np.hstack(pair) for pair in zip(laws.forces, more, strict=True)]
+        self.forces = list(zip(laws.forces, more, strict=True))
         own = [f.fold.answers(F) for f, F in zip(fits, more, strict=True)]
         folds = zip(fits, laws.answers, own, laws.squares, strict=True)
         self.seen = [Columns(*fold) for fold in folds]
@@ -364,12 +368,16 @@ class _Search:
     def force(self, step: _Step) -> tuple[Array, ...]:
         """Return what fits both folds at once, on each, N or N m, (n_samples,)."""
         if not step.over:
-            return tuple(np.zeros(len(F)) for F in self.forces)
+            return tuple(np.zeros(len(shared)) for shared, _ in self.forces)
         rows = self._rows(step.over)
         one, two = (a[np.ix_(rows, rows)] for a in self.squares)
         R = self._penalty(step.over, step.penalty)
-        beta = _solved(one + two + R, -self.sides[0][rows] - self.sides[1][rows])
-        return tuple(F[:, rows] @ beta for F in self.forces)
+        beta = np.zeros(len(self.sides[0]))
+        beta[rows] = _solved(one + two + R, -self.sides[0][rows] - self.sides[1][rows])
+        return tuple(
+            shared @ beta[: shared.shape[1]] + own @ beta[shared.shape[1] :]
+            for shared, own in self.forces
+        )
 
     def _gain(
         self, over: tuple[str, ...], penalty: float

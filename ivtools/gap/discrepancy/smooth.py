@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
-from ...linalg import as_columns
+from ...linalg import as_columns, orthonormal
 from ...linalg.swing import Swing
 from ...loop import Simulation
-from ..fit import Fit, normal, orthonormal
+from ..fit import Fit, normal
 from ..fold import threaded
 from ..rules import (
     ALIKE,

@@ -123,7 +123,7 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
     if unknown is not None:
         columns = np.hstack([columns, unknown])
     rest = _project(columns, fit, raw, keep)
-    found = swing.strongest(response(simulation.ddq[:, 0]), rest, keep, dt)
+    found = swing.Swings(response(simulation.ddq[:, 0]), keep, dt).strongest(rest)
     if found.share > SWINGING:  # a load that hangs from the axis would pass for slow noise
         ringing = found.swing.of(simulation.ddq[:, 0], dt)
         ringing = np.hstack([ringing, found.swing.begun(len(raw), dt)])
