@@ -125,8 +125,9 @@ NEAR_LIMIT = 0.05
 DIVERGED = 1e6
 #: Share of a stroke or time as far as a law may be carried beyond it (training).
 BEYOND = 0.05
-#: Share of a record that must lie where the other one has been, or all of it counts (training).
-COMMON = 0.3
+#: Share of a record that must lie where the other one has been, or all of it counts: less than
+#: that has too few blocks for any effect (training).
+COMMON = 0.05
 #: Samples of a block at least (numerics: its sum is as a normal one's).
 LEAST_BLOCK = 20
 #: Square of a singular value, of the largest, below which sizes of forces are one (numerics).

@@ -196,11 +196,12 @@ def attribute(
         loop = best[-1].fits[0].loop if best else base[0].loop
         rounds.append(play(sides, base, rounds, library(loop, extra, without), rules))
         winner = rounds[-1].best
-        if winner is None or _doubtful(winner, rounds[-1], base, rules):
-            break
-        if winner.term.local and any(s.fold.both is not None for s in sides):
+        elsewhere = any(s.fold.both is not None for s in sides)
+        if winner is not None and winner.term.local and elsewhere:
             sides = tuple(s.common for s in sides)
             return attribute(sides, common(base), rules, extra, without)
+        if winner is None or _doubtful(winner, rounds[-1], base, rules):
+            break
         best.append(winner)
         if cost(winner.held) < CLEAN:  # at the floor: nothing is left to have a name
             break
