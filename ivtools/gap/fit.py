@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..linalg import as_columns, orthonormal, solve_iv
+from ..linalg import as_columns, block_covariance, orthonormal, solve_iv
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..problem import Problem
@@ -87,9 +87,9 @@ class Fit:
         scale = np.maximum(np.linalg.norm(self.J, axis=0), 1e-300)
         J = self.J / scale
         bread = np.linalg.pinv(J.T @ J, rcond=1e-9)
-        scores = self.fold.block_sums(J * self.e[:, None])
+        meat = block_covariance(J * self.e[:, None], self.fold.blocks)
         unit = np.outer(scale, scale)
-        return self.cost * bread / unit, bread @ scores.T @ scores @ bread / unit
+        return self.cost * bread / unit, bread @ meat @ bread / unit
 
     @cached_property
     def _hidden(self) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import IVToolsError
-from ...linalg import fir
+from ...linalg import block_covariance, fir
 from ...loop import robot_sensitivity
 from ...record import Record
 from ...results import FitResults
@@ -134,7 +134,6 @@ def _normal(A: Array, e: Array, first: int, dt: float) -> tuple[Array, Array]:
     unit = P / size / size[:, np.newaxis]
     inverse = np.linalg.pinv(unit, rcond=TOLD_APART)
     width = max(round(BLOCK / dt), LEAST_BLOCK)
-    scores = np.add.reduceat(A / size * e[:, np.newaxis], np.arange(0, len(e), width))
-    robust, plain = np.einsum("bi,ij,bj->", scores, inverse, scores), np.sum(unit * inverse)
-    excess = max(float(robust / plain), 1.0)
+    meat = block_covariance(A / size * e[:, np.newaxis], np.arange(0, len(e), width))
+    excess = max(float(np.sum(meat * inverse) / np.sum(unit * inverse)), 1.0)
     return P / excess, A.T @ e / excess
