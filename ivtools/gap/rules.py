@@ -127,7 +127,7 @@ DIVERGED = 1e6
 BEYOND = 0.05
 #: Share of a record that must lie where the other one has been, or all of it counts: less than
 #: that has too few blocks for any effect (training).
-COMMON = 0.05
+COMMON = 0.1
 #: Samples of a block at least (numerics: its sum is as a normal one's).
 LEAST_BLOCK = 20
 #: Square of a singular value, of the largest, below which sizes of forces are one (numerics).
