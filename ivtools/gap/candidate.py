@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, OptimizeResult, differential_evolution, minimize
+from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from ..loop import ClosedLoop
@@ -22,6 +22,7 @@ from .rules import (
     CROWD,
     DELIVERED_POINTS,
     FIRST_CROWD,
+    GATHERED,
     GENERATIONS,
     HOPELESS,
     MUTATION,
@@ -388,7 +389,7 @@ def starts(
 def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:
     """Return the point with the least error on both folds together, by differential evolution.
 
-    None where each is worse than no effect at all.
+    None where each is worse than no effect at all; that which is known where it is not.
 
     A valley that is too narrow for gradients is at the same place in both folds, and the false
     ones are not; it is as narrow in a part of the record as in all of it, and wider the shorter
@@ -396,8 +397,11 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list
 
     R. Storn, K. Price, "Differential evolution", J. Global Optimization 11, 1997.
     """
-    costs = [_cost(s.fold, f, term) for s, f in zip(sides, fits, strict=True)]
-    plain = sum(c(None) for c in costs)
+    pairs = sorted(zip(sides, fits, strict=True), key=lambda pair: -pair[1].cost)
+    costs = [_cost(s.fold, f, term) for s, f in pairs]
+    plain, known = sum(c(None) for c in costs), dict(sides[0].places.get(term.name, {}))
+    if known and sum(c(known) for c in costs) < HOPELESS * plain:
+        return [known]
     found = [_evolved(costs, plain, box) for box in Box.of(term, sides[0].scales)]
     cost, best = min(found, key=lambda pair: pair[0])
     return [best] if cost <= plain else []
@@ -406,34 +410,52 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list
 def _evolved(
     costs: Sequence[Callable[[Point | None], float]], plain: float, box: Box
 ) -> tuple[float, Point]:
-    """Return the least cost in a box, of all folds together, and where it is."""
+    """Return the least cost in a box, of all folds together, and where it is.
 
-    def cost(x: Array) -> float:
-        """Return the cost of a point of the unit cube."""
-        return sum(c(box.point(x)) for c in costs)
+    It begins with the best of the points that fill the box, by the cost of the first fold, and ends
+    early where that is nothing better than no effect at all. A point that costs too much on one
+    fold is not tried on the other, which can only add to it.
+    """
+    n, rng = CROWD * box.dimensions, np.random.default_rng(1)
 
-    def hopeless(intermediate_result: OptimizeResult) -> None:
-        """End a search that begins with nothing better than no effect at all."""
-        if intermediate_result.fun > HOPELESS * plain:
-            raise StopIteration
+    def cost(x: Array, most: float = np.inf) -> float:
+        """Return the cost of a point of the unit cube, or part of it, which is more than `most`."""
+        point, total = box.point(x), 0.0
+        for c in costs:
+            total += c(point)
+            if total > most:
+                break
+        return total
 
     with ThreadPoolExecutor(2) as pool:
         drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(box.dimensions + FIRST_CROWD)
-        order = np.argsort(list(pool.map(cost, drawn)), kind="stable")
-        found = differential_evolution(
-            cost,
-            Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
-            init=drawn[order[: CROWD * box.dimensions]],
-            maxiter=GENERATIONS,
-            mutation=MUTATION,
-            recombination=RECOMBINATION,
-            polish=False,
-            updating="deferred",
-            workers=pool.map,
-            callback=hopeless,
-            rng=1,
-        )
-    return float(found.fun), box.point(found.x)
+        first = list(pool.map(lambda x: costs[0](box.point(x)), drawn))
+        crowd = drawn[np.argsort(first, kind="stable")[:n]]
+        energy = np.array(list(pool.map(cost, crowd)))
+        for _ in range(GENERATIONS):
+            moved = _crossed(crowd, crowd[np.argmin(energy)], rng)
+            now = np.array(list(pool.map(cost, moved, energy)))
+            better = now < energy
+            crowd[better], energy[better] = moved[better], now[better]
+            together = np.std(energy) <= GATHERED * np.mean(energy)
+            if together or np.min(energy) > HOPELESS * plain:
+                break
+    return float(np.min(energy)), box.point(crowd[np.argmin(energy)])
+
+
+def _crossed(crowd: Array, best: Array, rng: np.random.Generator) -> Array:
+    """Return where a generation tries to move, (n, d): the best, moved by a difference of two.
+
+    What leaves the unit cube is drawn anew.
+    """
+    n, d = crowd.shape
+    others = np.array([rng.choice(n - 1, 2, replace=False) for _ in range(n)])
+    others += others >= np.arange(n)[:, None]  # than itself
+    one, two = crowd[others[:, 0]], crowd[others[:, 1]]
+    crossed = rng.random((n, d)) < RECOMBINATION
+    crossed[np.arange(n), rng.integers(d, size=n)] = True
+    moved = np.where(crossed, best + rng.uniform(*MUTATION) * (one - two), crowd)
+    return np.where((moved < 0.0) | (moved > 1.0), rng.random((n, d)), moved)
 
 
 def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:

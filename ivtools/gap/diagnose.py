@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from threading import Lock
 from typing import NamedTuple
 
@@ -30,9 +31,9 @@ from . import (
 )
 from .attribute import Attribution, attribute, cost, probability, upheld
 from .diagnosis import Diagnosis
-from .fit import Fit, common, gauss_newton, steps
-from .floor import Measured, Ready, folds, masked, measure, prepared
-from .fold import Fold, Link, threaded
+from .fit import Fit, common, gauss_newton, of_effect, steps
+from .floor import Floor, Measured, Ready, folds, masked, measure, prepared
+from .fold import Fold, Link, Side, threaded
 from .parity import Parity
 from .preflight import Finding, hanging
 from .rules import (
@@ -145,6 +146,9 @@ def diagnose(
         return replace(lacks, confirmed=confirm(lacks, simulated, holdout or record))
 
 
+_Folds = tuple[tuple[Side, ...], tuple[Fit, ...]]
+
+
 class _Task(NamedTuple):
     """What a diagnosis is asked."""
 
@@ -158,6 +162,7 @@ class _Task(NamedTuple):
     links: tuple[Link | None, ...] = ()
     whole: bool = False  # whether the final model is fitted to all of the record
     described: bool = True  # whether a force without a name is described
+    places: Mapping[str, Mapping[str, float]] = {}  # where valleys are known to be
 
 
 _CALM, _RUNNING = Lock(), ExitStack()
@@ -224,6 +229,96 @@ def _bounded(task: _Task, samples: int) -> tuple[_Task, list[Finding]]:
 
 
 def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
+    begun = _begun(task, rules, say)
+    return begun if isinstance(begun, Diagnosis) else _finished(begun, say)
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A diagnosis whose base model is fitted, and nothing named yet."""
+
+    task: _Task
+    loop: ClosedLoop
+    measured: tuple[Measured, ...]
+    third: Measured | None
+    rules: Rules
+    found: list[Finding]
+
+    @cached_property
+    def whole(self) -> _Folds:
+        """The folds that are judged."""
+        return folds(self.measured)
+
+    @cached_property
+    def calm(self) -> tuple[Measured, ...]:
+        """The records without the stretches that stand out, or as they are."""
+        return tuple(masked(m) for m in self.measured)
+
+    @cached_property
+    def quiet(self) -> _Folds:
+        """Their folds."""
+        stands_out = any(m.floor.isolated for m in self.measured)
+        return folds(self.calm) if stands_out else self.whole
+
+    @cached_property
+    def attributed(self) -> tuple[Fold, Attribution]:
+        """What is named, and the fold on which the gap is quantified."""
+        return _attributed(self)
+
+    @property
+    def places(self) -> dict[str, dict[str, float]]:
+        """Where the valleys of effects were found, if one of them got a name."""
+        result = self.attributed[1]
+        tried = [t for t in result.trials if t.term.search == "valleys" and t.gain > 0.0]
+        if not any(t.name in result.named for t in tried):
+            return {}
+        return {t.name: of_effect(t.fits[0].values, t.name) for t in tried}
+
+    @property
+    def left(self) -> float:
+        """Whitened energy that the base model leaves, mean of the folds."""
+        return cost(self.quiet[1])
+
+    @property
+    def floors(self) -> tuple[Floor, ...]:
+        """Floor of each record."""
+        return tuple(m.floor for m in self.measured)
+
+
+def begin(
+    record: Record,
+    loop: ClosedLoop,
+    holdout: Record | None = None,
+    *,
+    judge: Record | None = None,
+    tolerance: float = TOLERANCE,
+    rules: Rules | None = None,
+    extra: Sequence[Term] = (),
+    without: Sequence[str] = (),
+    links: Sequence[Link | None] = (),
+    places: Mapping[str, Mapping[str, float]] | None = None,
+    progress: Progress | None = None,
+) -> Begun | Diagnosis:
+    """Begin a diagnosis, as `diagnose` does; return it all where the input is refused.
+
+    Where a search begins in a valley of known `places`, it ends there.
+    """
+    more = (tolerance, tuple(extra), tuple(without), tuple(links), False, True, places or {})
+    with _one_blas_thread():
+        return _begun(
+            _Task(record, loop, holdout, judge, *more), rules or Rules(), progress or _mute
+        )
+
+
+def finish(begun: Begun | Diagnosis, progress: Progress | None = None) -> Diagnosis:
+    """Finish a diagnosis that was begun."""
+    if isinstance(begun, Diagnosis):
+        return begun
+    with _one_blas_thread():
+        return _finished(begun, progress or _mute)
+
+
+def _begun(task: _Task, rules: Rules, say: Progress) -> Begun | Diagnosis:
     for one in (r for r in (task.record, task.holdout, task.judge) if r is not None):
         preflight.require(one)
     say("controller parity")
@@ -260,10 +355,15 @@ def _diagnose(task: _Task, rules: Rules, say: Progress) -> Diagnosis:
         return _refused(record, loop, checked, [*found, *law])
     if any(p.clipped > SATURATED for p in checked):
         rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
+    measured = tuple(replace(m, side=replace(m.side, places=task.places)) for m in measured)
+    return Begun(task, loop, measured, third, rules, [*found, *law])
+
+
+def _finished(begun: Begun, say: Progress) -> Diagnosis:
     say("screening and fitting the effects")
-    fold, result = _attributed(measured, rules, task.extra, task.without)
+    fold, result = begun.attributed
     say("where and how far")
-    return _answer(task, loop, measured, third, result, fold, rules, [*found, *law])
+    return _answer(begun, result, fold)
 
 
 def _inspected(
@@ -321,23 +421,15 @@ def _as_recorded(m: Measured) -> Record:
     return record if record.added is None else replace(record, added=record.added / (1.0 + extra))
 
 
-def _answer(
-    task: _Task,
-    loop: ClosedLoop,
-    measured: tuple[Measured, ...],
-    third: Measured | None,
-    result: Attribution,
-    fold: Fold,
-    rules: Rules,
-    found: list[Finding],
-) -> Diagnosis:
+def _answer(begun: Begun, result: Attribution, fold: Fold) -> Diagnosis:
     """Put the diagnosis together."""
+    task, loop, measured, rules = begun.task, begun.loop, begun.measured, begun.rules
     checked, held_out = tuple(m.parity for m in measured), task.holdout is not None
     (at_controller, values), declared = parity.effects(checked), loop.controller.delay
     lowered = _lowered(loop, measured, result, fold, at_controller, held_out)
     effects, result, shrink, traces, said = lowered
-    if third is not None:
-        shrink = replace(shrink, judged=quantify.judge(loop, third, result))
+    if begun.third is not None:
+        shrink = replace(shrink, judged=quantify.judge(loop, begun.third, result))
     before, after = cost(result.base), cost(result.held)
     tell = task.described and after > DESCRIBED
     left = discrepancy.describe(common(result.held), result.laws) if tell else None
@@ -362,7 +454,7 @@ def _answer(
         shrink=shrink,
         ranking=verdict.ranking(result, rules, max(before - 1.0, 1e-9)),
         advice=(*advice.motions(result), *advice.remarks(loop, measured, result, held_out)),
-        findings=(*found, *said, *([verdict.outside()] if outside else [])),
+        findings=(*begun.found, *said, *([verdict.outside()] if outside else [])),
         parity=checked,
         floors=tuple(m.floor for m in measured),
         loop=result.fits[0].loop,
@@ -421,19 +513,18 @@ def _whole(m: Measured, result: Attribution) -> Fit:
     return gauss_newton(fold, fit.loop, fit.values, fit.free, step)
 
 
-def _attributed(
-    measured: tuple[Measured, ...], rules: Rules, extra: tuple[Term, ...], without: tuple[str, ...]
-) -> tuple[Fold, Attribution]:
+def _attributed(begun: Begun) -> tuple[Fold, Attribution]:
     """Attribute; if nothing is named, once more without the stretches that stand out.
 
     Returns the fold on which the gap is quantified as well.
     """
-    sides, base = folds(measured)
-    result = attribute(sides, base, rules, extra, without)
+    measured, (sides, base), asked = begun.measured, begun.whole, begun.task
+    more = (begun.rules, asked.extra, asked.without)
+    result = attribute(sides, base, *more)
     if not result.named and any(m.floor.isolated for m in measured):
-        measured, whole = tuple(masked(m) for m in measured), (sides, base)
-        sides, base = folds(measured)
-        again = upheld(*whole, attribute(sides, base, rules, extra, without))
+        measured, whole = begun.calm, (sides, base)
+        sides, base = begun.quiet
+        again = upheld(*whole, attribute(sides, base, *more))
         result = replace(again, supposed=again.supposed or result.supposed)
     return (measured if len(measured) == 2 else sides)[-1].fold, result
 

@@ -186,14 +186,27 @@ class Fold:
         return fir(self.whitener, x)[self.keep]
 
     @cached_property
+    def _felt(self) -> Array | None:
+        """What the link feels along the record, (n_samples, 2)."""
+        return None if self.link is None else self.link.on(self.record)
+
+    @cached_property
+    def _unknown(self) -> tuple[Array, Array] | None:
+        """What the command answers to doubted sizes, (n_samples, m), and to those expected."""
+        if self.doubt is None:
+            return None
+        answers = self.doubt.on(self.record)
+        return answers, answers @ self.doubt.mean
+
+    @cached_property
     def _doubted(self) -> tuple[Array, Array, Array]:
         """What is doubted, and how much.
 
         Orthonormal directions (n_kept, k); by which share each is discounted; and the sizes that
         make an error of one along each likeliest, (m, k).
         """
-        assert self.doubt is not None
-        A = self._white(self.doubt.on(self.record))
+        assert self.doubt is not None and self._unknown is not None
+        A = self._white(self._unknown[0])
         both = A.T @ A + self.doubt.precision
         size = np.maximum(np.sqrt(np.diag(both)), 1e-300)
         values, vectors = np.linalg.eigh(both / size / size[:, np.newaxis])
@@ -211,7 +224,8 @@ class Fold:
         if self.doubt is None:
             return white
         basis, shares, _ = self._doubted
-        return np.asarray(white - (basis * shares) @ (basis.T @ white))
+        part = basis.T @ white
+        return np.asarray(white - basis @ (shares * part.T).T)
 
     @cached_property
     def heard(self) -> Response:
@@ -226,9 +240,8 @@ class Fold:
 
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""
-        link = None if self.link is None else self.link.on(self.record)
         ramp = self.ramp and self.place is not None
-        return loop.simulate(self.record, values, place=self.place, link=link, ramp=ramp)
+        return loop.simulate(self.record, values, place=self.place, link=self._felt, ramp=ramp)
 
     def gap(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return measured minus simulated force, N or N m, (n_samples,); inf if it diverged."""
@@ -239,11 +252,11 @@ class Fold:
     def force_error(self, loop: ClosedLoop, values: Values) -> Array:
         """Return the force error of the loop simulated at these values, its load the likeliest."""
         e = self.gap(loop, self.simulate(loop, values))
-        if self.doubt is None or not np.isfinite(e[-1]):
+        if self._unknown is None or not np.isfinite(e[-1]):
             return e
         basis, _, sizes = self._doubted
-        A, mean = self.doubt.on(self.record), self.doubt.mean
-        return e - A @ (mean + sizes @ (basis.T @ self._white(e - A @ mean)))
+        answers, likely = self._unknown
+        return e - likely - answers @ (sizes @ (basis.T @ self._white(e - likely)))
 
     def error(self, loop: ClosedLoop, values: Values) -> Array:
         """Return the whitened force error of the samples that count, (n_kept,)."""
@@ -252,8 +265,8 @@ class Fold:
     def judged(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return the whitened force error of a simulation, (n_kept,); large if it diverged."""
         e = self.gap(loop, simulation)
-        if self.doubt is not None:
-            e = e - self.doubt.on(self.record) @ self.doubt.mean
+        if self._unknown is not None:
+            e = e - self._unknown[1]
         return self.white(e) if np.isfinite(e[-1]) else np.full(self.n_kept, DIVERGED)
 
     def only(self, keep: Mask, label: str) -> Fold:
@@ -345,12 +358,15 @@ class Side:
         Change of the force error, N or N m, (n_samples,), by effect and starting point: what the
         screening has simulated once and need not again. Each side has its own, also one made by
         `replace`: the change is that at its own base parameters, and two threads fill two sides.
+    places : mapping
+        Where the valley of an effect is known to be, by its name: its parameters by short name.
     """
 
     fold: Fold
     response: Response
     scales: Scales
     rough: float = 0.0
+    places: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     simulated: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False)
 
     @property

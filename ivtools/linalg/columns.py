@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from numba import float64
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from ivtools.compiled import cached
 from ivtools.linalg.solve import RANK_TOLERANCE, norms_of
 
 Array = NDArray[np.float64]
+
+#: Samples that are filtered at a time: signal and result fit the processor's nearest memory.
+SPAN = 1024
 
 
 def as_columns(signals: Iterable[Array]) -> Array:
@@ -28,8 +33,6 @@ def as_columns(signals: Iterable[Array]) -> Array:
 def fir(taps: Array, x: Array) -> Array:
     """Filter signals along the first axis, (N, ...), by a polynomial in the delay, from rest.
 
-    Tap by tap this takes half the time of `scipy.signal.lfilter`, which convolves here.
-
     Examples
     --------
     >>> import numpy as np
@@ -37,12 +40,23 @@ def fir(taps: Array, x: Array) -> Array:
     [1.0, 0.5, 0.5]
     """
     x = np.asarray(x, dtype=float)
-    if x.ndim > 1:
-        return np.array([fir(taps, row) for row in x.T]).T
-    y = taps[0] * x
-    for k, tap in enumerate(taps[1 : len(x)], start=1):
-        y[k:] += tap * x[:-k]
-    return y
+    rows = np.ascontiguousarray(x.T).reshape(-1, len(x))
+    return _filtered(np.ascontiguousarray(taps, dtype=float), rows).reshape(x.T.shape).T
+
+
+@cached(float64[:, ::1](float64[::1], float64[:, ::1]))
+def _filtered(taps: Array, x: Array) -> Array:
+    """Filter rows, (k, N), tap by tap over spans that stay near the processor."""
+    out = np.zeros_like(x)
+    for j in range(x.shape[0]):
+        for start in range(0, x.shape[1], SPAN):
+            stop = min(start + SPAN, x.shape[1])
+            for k in range(min(taps.size, stop)):
+                first, tap = max(start, k), taps[k]
+                y, late = out[j, first:stop], x[j, first - k : stop - k]
+                for i in range(y.size):
+                    y[i] += tap * late[i]
+    return out
 
 
 def base_columns(X: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -186,12 +187,29 @@ class Driven(NamedTuple):
 def driven(
     loop: ClosedLoop, record: Record, values: Mapping[str, float], initial: Initial
 ) -> Driven:
-    """Return the law of a loop along a record; the one place that knows its form."""
-    controller = effective_controller(loop, values).known(record)
+    """Return the law of a loop along a record; the one place that knows its form.
+
+    Of each record the last one is kept: a search changes the mechanics, not the law.
+    """
+    controller = effective_controller(loop, values)
+    limit = min(controller.limit, values.get("saturation.limit", np.inf))
+    kept = _DRIVEN.get(record)
+    asked = (limit, loop.gain, loop.joint, initial if isinstance(initial, str) else "")
+    if kept is None or kept[0] is not controller or kept[1] != asked or not asked[-1]:
+        kept = controller, asked, _along(loop, controller.known(record), record, limit, initial)
+        _DRIVEN[record] = kept
+    return kept[2]._replace(inner=kept[2].inner.copy())  # a simulation moves it on
+
+
+_DRIVEN: WeakKeyDictionary[Record, tuple[Controller, tuple[Any, ...], Driven]] = WeakKeyDictionary()
+
+
+def _along(
+    loop: ClosedLoop, controller: Controller, record: Record, limit: float, initial: Initial
+) -> Driven:
     law, delay = controller.law(record.dt), controller.delay
     seen = Seen.of(controller, record, loop.command(record), loop.joint)
     known, known_inner = law.known(seen.inputs[:, :3])
-    limit = min(controller.limit, values.get("saturation.limit", np.inf))
     start, first = _initial(record, initial, delay, seen)
     inner = _inner_state(law, initial, seen, delay, record.dt, limit)
     return Driven(

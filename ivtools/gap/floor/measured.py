@@ -115,13 +115,13 @@ def measure(ready: Ready) -> Measured:
 
 
 def masked(m: Measured) -> Measured:
-    """Return a record without the stretches that stand out."""
+    """Return a record without the stretches that stand out: of what is left, none does."""
     if not m.floor.isolated:
         return m
     fold = m.fold.only(~m.floor.event_mask, m.fold.label)
     step = steps(fold, m.base.loop, m.side.scales)
     fit = gauss_newton(fold, m.base.loop, m.base.values, m.base.free, step, AGAIN)
-    return replace(m, side=replace(m.side, fold=fold), base=fit)
+    return replace(m, side=replace(m.side, fold=fold, rough=0.0), base=fit)
 
 
 def beside(m: Measured, other: Measured) -> Measured:

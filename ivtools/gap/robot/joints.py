@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,11 @@ from ...problem import Problem
 from ...record import Record
 from ...results import FitResults
 from .. import response
-from ..diagnose import diagnose
+from ..diagnose import Begun, begin, finish
 from ..diagnosis import Diagnosis
 from ..fit import of_effect
 from ..fold import Doubt, Link
-from ..rules import FAINT, POSES, ROUNDS, SMALL_SWING, SWING_IN, SWUNG, Rules
+from ..rules import FAINT, POSES, ROUNDS, SMALL_SWING, SWING_IN, SWUNG
 from ..verdict import lowers
 from .behind import TWO_MASSES, Alone, follow
 from .diagnosis import Coupled, RobotDiagnosis
@@ -81,23 +82,39 @@ def diagnose_robot(
     found: dict[str, Diagnosis] = {}
     named: dict[str, Diagnosis] = {}
     better, records = plain, [one for one in (record, holdout) if one is not None]
-    told: dict[Record, Links | None] = {}
+    told = {one: measure(plain, one) for one in records}
+    stiff = {j: _begun(j, told, plain, settings) for j in wanted}
+    asked: dict[str, Any] = {}  # what a joint was begun beside, and what it was diagnosed beside
+    under: dict[str, Any] = {}
+    places: dict[str, Any] = {}  # where its second mass was found
     for again in range(ROUNDS):
-        told = {one: measure(better, one, told.get(one)) for one in records}
+        if better is not plain:
+            told = {one: measure(better, one, told[one]) for one in records}
         soft: dict[str, Diagnosis] = {}
-        for j in sorted(wanted, key=lambda j: -_swing(found.get(loop.joints[j]))):
+        for j in sorted(wanted, key=lambda j: -_turn(stiff[j], found.get(loop.joints[j]))):
             name = loop.joints[j]
             say(f"joint {name}" + (", beside the other joints' effects" if again else ""))
-            own = named[name].effects if name in named else ()
-            swung = _swung(j, told, better, settings, own, soft, found[name]) if soft else 0.0
-            beside = {**soft} if swung > 0.0 else {}
-            if again and not found[name].effects and _swing(found[name]) > 0.0:
-                beside[name] = assumed(found[name])
-            if not again or beside or better is not plain:  # else nothing is new
-                now = _joint(j, told, better, settings, own, beside)
-                found[name] = heard(now, SWUNG * max(swung, 0.0))
-            if again and _swing(found[name]) > 0.0:
-                soft[name] = assumed(found[name])
+            own = named[name].effects if name in named and better is not plain else ()
+            itself = again > 0 and not found[name].effects and _swing(found[name]) > 0.0
+            links = {name: found[name]} if itself else {}
+            begun_beside = partial(
+                _begun, j, told, better, {**settings, **places.get(name, {})}, own
+            )
+            if asked.get(name) != (key := _key(better, own, {**soft, **links})):
+                asked[name], swung = key, 0.0
+                begun = begun_beside(soft) if soft or better is not plain else stiff[j]
+                if soft:
+                    swung = _unforeseen(stiff[j]) - _unforeseen(begun)
+                beside = {**(soft if swung > 0.0 else {}), **links}
+                if under.get(name) != (key := _key(better, own, beside)):  # else nothing is new
+                    under[name] = key
+                    if beside.keys() != soft.keys():
+                        rigid = better is plain and not beside
+                        begun = stiff[j] if rigid else begun_beside(beside)
+                    found[name] = heard(finish(begun), SWUNG * max(swung, 0.0))
+                    places[name] = {"places": getattr(begun, "places", {})}
+            if _swing(found[name]) > 0.0 and (again or found[name].effects):
+                soft[name] = found[name]
         told_of = found if again + 1 == ROUNDS else {n: assumed(d) for n, d in found.items()}
         last, named = named, {name: d for name, d in told_of.items() if d.effects}
         if plain.problem is None or _effects(named) == _effects(last):
@@ -109,6 +126,7 @@ def diagnose_robot(
             better, more = identified(record, fuller, plain.problem.pipeline)
             notes = (*notes, *more)
         wanted = [j for j in wanted if _open(loop.joints[j], found)]
+    found = {name: found[name] for name in loop.joints if name in found}
     say("the coupled simulation")
     other = record if holdout is None else holdout
     coupled = Coupled(*(errors(fit, other) for fit in (plain, better)))
@@ -122,6 +140,21 @@ def assumed(diagnosis: Diagnosis) -> Diagnosis:
         return diagnosis
     parameters = {one.effect: of_effect(one.values, one.effect)}
     return replace(diagnosis, effects=(one.effect,), parameters=parameters, theta=one.values)
+
+
+def _turn(begun: Begun | Diagnosis, found: Diagnosis | None) -> float:
+    """Return what the joints are diagnosed in the order of, the largest first.
+
+    That is the energy that the rigid joint leaves, and later the gain of its two masses.
+    """
+    if found is not None:
+        return _swing(found)
+    return begun.left if isinstance(begun, Begun) else 0.0
+
+
+def _key(fit: FitResults, own: Sequence[str], beside: Mapping[str, Diagnosis]) -> Any:
+    """Return what tells apart under which loads a joint is diagnosed."""
+    return id(fit), tuple(own), {name: id(one) for name, one in beside.items()}
 
 
 def _swing(diagnosis: Diagnosis | None) -> float:
@@ -158,23 +191,24 @@ def identified(
         return IDIMWLS().fit(problem), (said,)
 
 
-def _joint(
+def _begun(
     j: int,
     told: Mapping[Record, Links | None],
     fit: FitResults,
     settings: Mapping[str, Any],
     without: Sequence[str] = (),
     soft: Mapping[str, Diagnosis] | None = None,
-) -> Diagnosis:
-    """Diagnose one joint under the loads that the links of a fit put on it."""
+) -> Begun | Diagnosis:
+    """Begin to diagnose one joint under the loads that the links of a fit put on it."""
     name = fit.problem.loop.joints[j]  # type: ignore[union-attr]
+    soft = {n: assumed(d) for n, d in soft.items()} if soft else None
     parts = [alone(j, one, fit, without, soft) for one in told]
     other = parts[1].record if len(parts) > 1 else None
     behind = [
         Link(part.record.t, part.link, _doubt(name, links, part))
         for links, part in zip(told.values(), parts, strict=True)
     ]
-    return heard(diagnose(parts[0].record, parts[0].loop, other, links=behind, **settings))
+    return begin(parts[0].record, parts[0].loop, other, links=behind, **settings)
 
 
 def _doubt(joint: str, links: Links | None, part: Alone) -> Doubt:
@@ -186,29 +220,20 @@ def _doubt(joint: str, links: Links | None, part: Alone) -> Doubt:
     return (told if links is None else links.doubt(joint)).beside(record, answers)
 
 
-def _swung(
-    j: int,
-    told: Mapping[Record, Links | None],
-    fit: FitResults,
-    settings: Mapping[str, Any],
-    without: Sequence[str],
-    soft: Mapping[str, Diagnosis],
-    before: Diagnosis,
-) -> float:
-    """Return how much less of a joint's command is unforeseen where others have two masses.
+def _unforeseen(begun: Begun | Diagnosis) -> float:
+    """Return the energy, N2 or (N m)2, of what a rigid joint leaves; NaN where that is refused.
 
-    That much of it was the swing of their links; not if it is negative.
+    The unit of a whitened error is what is new in the joint's noise from sample to sample, and
+    another one where its load is another. What is less beside joints that have two masses was the
+    swing of their links.
     """
-    bare = {**settings, "rules": replace(settings.get("rules") or Rules(), most=0)}
-    beside = _joint(j, told, fit, bare, without, soft)
-    return before.chi[0] * _surprise(before) - beside.chi[0] * _surprise(beside)
+    if isinstance(begun, Diagnosis):
+        return float("nan")
+    return begun.left * _surprise(begun)
 
 
-def _surprise(diagnosis: Diagnosis) -> float:
-    """Return the energy, N2 or (N m)2, of what is new in a joint's noise from sample to sample.
-
-    It is the unit of a whitened error, and another one where the joint's load is another.
-    """
+def _surprise(diagnosis: Diagnosis | Begun) -> float:
+    """Return the energy of what is new in a joint's noise, N2 or (N m)2."""
     return sum(floor.whitener[0] ** -2 for floor in diagnosis.floors)
 
 
