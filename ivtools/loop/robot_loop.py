@@ -357,7 +357,8 @@ class RobotLoop(Model):
         """Return the mass matrix that the drives feel, (n_samples, n, n), kg m2 (kg, kg m)."""
         values = self.values(theta)
         M = self.robot.mass_matrix(self._to_joints(np.atleast_2d(q)), self.inertias(values))
-        M = np.einsum("ji,sjk,kl->sil", self._T, M, self._T)
+        if self.transmission is not None:
+            M = self._T.T @ M @ self._T
         own = [self.joint_values(j, values).get("inertia", 0.0) for j in range(self.n_joints)]
         return M + np.diag(own)
 

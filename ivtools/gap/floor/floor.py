@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal, stats
+from scipy import fft, signal, stats
 
 from ...errors import EstimationError
 from ...limits import LARGEST
@@ -280,7 +280,8 @@ def _taken(columns: Array, fit: Fit, whitener: Array) -> Array:
     known = size > 1e-10 * size[-1]
     basis = white @ (turn[:, known] / np.sqrt(size[known]))
     edges = np.linspace(0, len(columns) // 2 + 1, FREQUENCIES + 1).astype(int)[:-1]
-    power = np.sum(np.abs(np.fft.rfft(basis, axis=0)) ** 2, axis=1) / int(fit.fold.keep.sum())
+    spectra = fft.rfft(np.ascontiguousarray(basis.T))  # strided columns take three times as long
+    power = np.sum(spectra.real**2 + spectra.imag**2, axis=0) / int(fit.fold.keep.sum())
     return np.add.reduceat(power, edges) / np.diff(np.r_[edges, len(power)])
 
 
