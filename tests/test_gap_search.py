@@ -102,7 +102,7 @@ def test_what_dominates_one_record_may_show_little_in_the_other():
 
 def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatch):
     """It goes on where the best of its first generation is, if only by a tenth."""
-    calls, side = {}, SimpleNamespace(scales=scales, fold=None)
+    calls, side = {}, SimpleNamespace(scales=scales, fold=None, places={})
     for best in (0.9, 1.0):
 
         def cost(point, best=best):
@@ -112,6 +112,23 @@ def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatc
         monkeypatch.setattr(candidate, "_cost", lambda *_, cost=cost: cost)
         candidate._deepest((side, side), (None, None), EFFECTS["backlash"])
     assert 2 * 256 < calls[1.0] < 0.8 * calls[0.9]
+
+
+def test_a_search_ends_in_a_valley_that_is_known(scales, monkeypatch):
+    """Unless the effect does nothing there any more."""
+    calls, known = [], {"gap": 1e-4}
+    side = SimpleNamespace(scales=scales, fold=None, places={"backlash": known})
+    for left, searched in ((0.5, False), (1.0, True)):
+
+        def cost(point, left=left):
+            calls.append(point)
+            return 1.0 if point is None else left
+
+        monkeypatch.setattr(candidate, "_cost", lambda *_, cost=cost: cost)
+        calls.clear()
+        found = candidate._deepest((side, side), (None, None), EFFECTS["backlash"])
+        assert (len(calls) > 4) == searched
+        assert (found == [known]) != searched
 
 
 def test_a_law_that_typical_samples_hardly_show_is_not_fitted_to_them():

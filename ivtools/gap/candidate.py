@@ -397,9 +397,10 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list
 
     R. Storn, K. Price, "Differential evolution", J. Global Optimization 11, 1997.
     """
-    pairs = sorted(zip(sides, fits, strict=True), key=lambda pair: -pair[1].cost)
-    costs = [_cost(s.fold, f, term) for s, f in pairs]
-    plain, known = sum(c(None) for c in costs), dict(sides[0].places.get(term.name, {}))
+    costs = [_cost(s.fold, f, term) for s, f in zip(sides, fits, strict=True)]
+    rigid = [c(None) for c in costs]
+    costs = [costs[k] for k in np.argsort(rigid)[::-1]]  # the one that shows most first
+    plain, known = sum(rigid), dict(sides[0].places.get(term.name, {}))
     if known and sum(c(known) for c in costs) < HOPELESS * plain:
         return [known]
     found = [_evolved(costs, plain, box) for box in Box.of(term, sides[0].scales)]
