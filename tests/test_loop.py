@@ -431,6 +431,25 @@ def test_a_record_that_starts_in_motion_leaves_no_transient():
     assert np.abs(cold.nu - whole.nu[150:1400]).max() > 0.1 * scale
 
 
+def test_the_law_kept_of_a_record_is_that_of_the_loop():
+    """Whatever was simulated along it before: another law, limit, gain or start."""
+    lead = {"A": [[0.8]], "B": [[0.2, -0.2]], "C": [[-5e4]], "D": [[9e4, -9e4]]}
+    laws = (axes.emps().controller, Controller("state-space", lead, limit=3.0))
+    cases = [
+        (loop_with(law, gain=gain), THETA | limit, initial)
+        for law in laws
+        for gain in (30.0, 40.0)
+        for limit in ({}, {"saturation.limit": 2.0})
+        for initial in ("record", "rest", (0.001, 0.02))
+    ]
+    record = reference()
+    for loop, theta, initial in (*cases, *cases[::-1], *cases[::5]):
+        loop = loop.with_effect("saturation") if "saturation.limit" in theta else loop
+        now = loop.simulate(record, theta, initial=initial)
+        fresh = loop.simulate(reference(), theta, initial=initial)
+        np.testing.assert_array_equal(now.nu, fresh.nu)
+
+
 def test_a_state_space_controller_starts_steady():
     lead = {"A": [[0.8]], "B": [[0.2, -0.2]], "C": [[-5e4]], "D": [[9e4, -9e4]]}
     loop = loop_with(Controller("state-space", lead))

@@ -53,7 +53,8 @@ def diagnose_robot(
     from what they lack: the links are then estimated, and the joint is diagnosed again, as if it
     had been named.
     A robot's joints have one mass each; the links behind a flexible joint, or one with backlash,
-    swing as that joint by itself says, the joint with the largest gain first.
+    swing as that joint by itself says. So the joint that leaves most goes first, and in the second
+    round that with the largest gain; no joint is diagnosed again under loads that are the same.
 
     Parameters
     ----------
