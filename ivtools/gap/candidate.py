@@ -154,10 +154,11 @@ class Trial:
         return not any(at_bound)
 
     def _beyond(self, fit: Fit) -> bool:
-        """Whether a parameter is larger than the effect's name allows on this axis."""
+        """Whether a parameter is smaller or larger than the effect's name allows on this axis."""
         sizes = Scales(fit.fold.record, fit.loop).sizes
         pairs = zip(self.term.names, self.term.parameters, strict=True)
-        return any(fit.values[n] > p.most * sizes[p.scale] for n, p in pairs if np.isfinite(p.most))
+        values = ((fit.values[n] / sizes[p.scale], p) for n, p in pairs)
+        return not all(p.least <= value <= p.most for value, p in values)
 
     @cached_property
     def lowers(self) -> bool:

@@ -57,8 +57,9 @@ class Parameter:
         the parameter, which needs none.
     nuisance : bool
         Whether a record says next to nothing about it: it stays where a search began.
-    most : float
-        Largest value, in multiples of `scale`, at which the effect still is what its name says.
+    least, most : float
+        Smallest and largest value, in multiples of `scale`, at which the effect still is what its
+        name says.
     rigid : float
         Oscillations in a sample from which more is as good as rigid where a load is known: of a
         frequency; what is stiffer is not told from it, and costs many steps.
@@ -72,6 +73,7 @@ class Parameter:
     scale: str = "force"
     scan: tuple[float, ...] = ()
     nuisance: bool = False
+    least: float = -inf
     most: float = inf
     rigid: float = inf
 

@@ -132,7 +132,14 @@ BACKLASH = Term(
     "backlash",
     "mechanics",
     (
-        Parameter("gap", "{L}", lower=0.0, scale="stroke", scan=(2e-5, 1e-4, 4e-4, 2e-3)),
+        Parameter(
+            "gap",
+            "{L}",
+            lower=0.0,
+            scale="stroke",
+            scan=(2e-5, 1e-4, 4e-4, 2e-3),
+            least=1e-6,  # a smaller one is a contact that never opens: friction that yields
+        ),
         Parameter(
             "load_share",
             "1",
