@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, OptimizeResult, differential_evolution, minimize
 from scipy.stats import qmc
 
 from ..loop import ClosedLoop
@@ -22,7 +22,6 @@ from .rules import (
     CROWD,
     DELIVERED_POINTS,
     FIRST_CROWD,
-    GATHERED,
     GENERATIONS,
     HOPELESS,
     MUTATION,
@@ -414,50 +413,44 @@ def _evolved(
 ) -> tuple[float, Point]:
     """Return the least cost in a box, of all folds together, and where it is.
 
-    It begins with the best of the points that fill the box, by the cost of the first fold, and ends
-    early where that is nothing better than no effect at all. A point that costs too much on one
-    fold is not tried on the other, which can only add to it.
+    It begins with the best of the points that fill the box, and ends early where that is nothing
+    better than no effect at all. A point that costs more on one fold than any that the search
+    keeps is not tried on the other, which can only add to it.
     """
-    n, rng = CROWD * box.dimensions, np.random.default_rng(1)
+    most = [plain]
 
-    def cost(x: Array, most: float = np.inf) -> float:
-        """Return the cost of a point of the unit cube, or part of it, which is more than `most`."""
+    def cost(x: Array) -> float:
+        """Return the cost of a point of the unit cube, or a part of it that is too much."""
         point, total = box.point(x), 0.0
         for c in costs:
             total += c(point)
-            if total > most:
+            if total > most[0]:
                 break
         return total
 
+    def ends(intermediate_result: OptimizeResult) -> None:
+        """End a search that begins with nothing better than no effect at all."""
+        if intermediate_result.fun > HOPELESS * plain:
+            raise StopIteration
+        most[0] = float(np.max(intermediate_result.population_energies))
+
     with ThreadPoolExecutor(2) as pool:
         drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(box.dimensions + FIRST_CROWD)
-        first = list(pool.map(lambda x: costs[0](box.point(x)), drawn))
-        crowd = drawn[np.argsort(first, kind="stable")[:n]]
-        energy = np.array(list(pool.map(cost, crowd)))
-        for _ in range(GENERATIONS):
-            moved = _crossed(crowd, crowd[np.argmin(energy)], rng)
-            now = np.array(list(pool.map(cost, moved, energy)))
-            better = now < energy
-            crowd[better], energy[better] = moved[better], now[better]
-            together = np.std(energy) <= GATHERED * np.mean(energy)
-            if together or np.min(energy) > HOPELESS * plain:
-                break
-    return float(np.min(energy)), box.point(crowd[np.argmin(energy)])
-
-
-def _crossed(crowd: Array, best: Array, rng: np.random.Generator) -> Array:
-    """Return where a generation tries to move, (n, d): the best, moved by a difference of two.
-
-    What leaves the unit cube is drawn anew.
-    """
-    n, d = crowd.shape
-    others = np.array([rng.choice(n - 1, 2, replace=False) for _ in range(n)])
-    others += others >= np.arange(n)[:, None]  # than itself
-    one, two = crowd[others[:, 0]], crowd[others[:, 1]]
-    crossed = rng.random((n, d)) < RECOMBINATION
-    crossed[np.arange(n), rng.integers(d, size=n)] = True
-    moved = np.where(crossed, best + rng.uniform(*MUTATION) * (one - two), crowd)
-    return np.where((moved < 0.0) | (moved > 1.0), rng.random((n, d)), moved)
+        order = np.argsort(list(pool.map(cost, drawn)), kind="stable")
+        found = differential_evolution(
+            cost,
+            Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
+            init=drawn[order[: CROWD * box.dimensions]],
+            maxiter=GENERATIONS,
+            mutation=MUTATION,
+            recombination=RECOMBINATION,
+            polish=False,
+            updating="deferred",
+            workers=pool.map,
+            callback=ends,
+            rng=1,
+        )
+    return float(found.fun), box.point(found.x)
 
 
 def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:

@@ -276,8 +276,6 @@ CROWD, GENERATIONS = 5, 24
 #: ends (training: of 16 gaps and 9 springs the first generation leaves 0.34 to 0.91; where there is
 #: none it leaves 0.92 to 1.2, unless something else looks like it).
 HOPELESS = 0.98
-#: Standard deviation of the crowd's energies, of their mean, at which it has gathered (numerics).
-GATHERED = 0.01
 #: Mutation and recombination of differential evolution (Storn, Price, 1997).
 MUTATION, RECOMBINATION = (0.4, 0.9), 0.9
 
