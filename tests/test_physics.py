@@ -96,10 +96,8 @@ def test_unknown_terms_are_an_error_that_lists_the_known_ones():
 
 
 def test_what_depends_on_the_position_or_the_time_says_so():
-    over = {"spring", "gravity", "cogging", "position-friction", "torque-ripple"}
-    assert {name for name, term in TERMS.items() if term.local} == {
-        *over, "encoder-eccentricity", "offset-drift", "friction-drift"
-    }  # fmt: skip
+    local = {"spring", "gravity", "position-friction", "offset-drift", "friction-drift"}
+    assert {name for name, term in TERMS.items() if term.local} == local
 
 
 def test_what_is_not_a_force_has_no_law():

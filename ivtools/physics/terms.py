@@ -170,10 +170,11 @@ class Term:
         """Whether what it does depends on where the axis is, or on the time.
 
         A record says nothing of such an effect where, or when, it has not been. A law is asked
-        along a small motion, and the same elsewhere and later.
+        along a small motion, and the same elsewhere and later. A line over position is as large
+        everywhere, and its phase is a matter of each record.
         """
-        if self.law is None:
-            return self.search == "lines"
+        if self.law is None or self.search == "lines":
+            return False
         t = np.linspace(0.0, 1.0, 50)
         motion = 0.3 * np.sin(7.0 * t), 2.1 * np.cos(7.0 * t), -14.7 * np.sin(7.0 * t)
         values = [float(np.clip(0.5, p.lower, p.upper)) for p in self.parameters]

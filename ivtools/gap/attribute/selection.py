@@ -29,6 +29,7 @@ from ..rules import (
     MORE,
     STANDARD_ERRORS,
     SUPERFLUOUS,
+    TIE,
     UNLIKE_SMOOTH,
     Rules,
 )
@@ -251,9 +252,15 @@ def _told(
     """
     left = threaded(lambda fits: fitted(fits, laws), models)
 
+    def better(fewer: Spline, more: Spline) -> bool:
+        """Whether fewer names predict better, and by more than equals differ."""
+        margin = TIE * (cost(models[0]) - fewer.cost)
+        worse = more.cost - fewer.cost > margin
+        return worse and advantage(models[0], fewer, more) < -STANDARD_ERRORS
+
     def holds(k: int) -> bool:
         """Whether so many names do."""
-        if any(advantage(models[0], other, left[k]) < -STANDARD_ERRORS for other in left[least:k]):
+        if any(better(other, left[k]) for other in left[least:k]):
             return False
         smooth = least == 0 and not any(own[:k])
         return not smooth or not _outdone(models[0], models[k], left[0], left[k], rules)
