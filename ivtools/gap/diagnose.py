@@ -276,8 +276,8 @@ class Begun:
 
     @property
     def left(self) -> float:
-        """Whitened energy that the base model leaves, mean of the folds."""
-        return cost(self.quiet[1])
+        """Whitened energy that the base model leaves where both records have been, their mean."""
+        return cost(common(self.quiet[1]))
 
     @property
     def floors(self) -> tuple[Floor, ...]:
