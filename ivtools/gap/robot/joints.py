@@ -154,8 +154,8 @@ def _turn(begun: Begun | Diagnosis, found: Diagnosis | None) -> float:
 
 
 def _key(fit: FitResults, own: Sequence[str], beside: Mapping[str, Diagnosis]) -> Any:
-    """Return what tells apart under which loads a joint is diagnosed."""
-    return id(fit), tuple(own), {name: id(one) for name, one in beside.items()}
+    """Return what tells apart under which loads a joint is diagnosed: these very objects."""
+    return fit, tuple(own), dict(beside)
 
 
 def _swing(diagnosis: Diagnosis | None) -> float:
