@@ -11,9 +11,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from functools import cache
-from threading import Thread
+from threading import Lock, Thread
 from time import perf_counter, sleep
 from types import ModuleType
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -204,7 +204,7 @@ def _numbered(
 
 
 @cache
-def share_heap() -> None:
+def _share_heap() -> None:
     """Let the threads of this process share one heap.
 
     glibc gives each thread heaps of its own and keeps what was freed there: where diagnoses follow
@@ -270,6 +270,33 @@ def _hushed(name: str) -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
+
+
+_CALM, _RUNNING = Lock(), ExitStack()
+_DEPTH = [0]
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Give BLAS one thread for as long as any diagnosis of this process runs.
+
+    For many small products, threads of its own only wait, and sums in another order round
+    otherwise. The limit is the process's: the first diagnosis sets it, and the last one lifts it.
+    """
+    from threadpoolctl import threadpool_limits
+
+    _share_heap()
+    with _CALM:
+        if _DEPTH[0] == 0:
+            _RUNNING.enter_context(threadpool_limits(1, "blas"))
+        _DEPTH[0] += 1
+    try:
+        yield
+    finally:
+        with _CALM:
+            _DEPTH[0] -= 1
+            if _DEPTH[0] == 0:
+                _RUNNING.close()
 
 
 @contextmanager

@@ -13,12 +13,12 @@ def attributions() -> Iterator[list[Any]]:
     """Give the attributions of the diagnoses that run meanwhile, in their order."""
     from importlib import import_module
 
-    process = import_module("ivtools.gap.diagnose")  # the function of that name hides it
-    attribute, seen = process.attribute, []
+    begun = import_module("ivtools.gap.diagnose.begun")  # a function hides the room
+    attribute, seen = begun.attribute, []
 
     def noted(*args: Any) -> Any:
         seen.append(attribute(*args))
         return seen[-1]
 
-    with patch.object(process, "attribute", noted):
+    with patch.object(begun, "attribute", noted):
         yield seen

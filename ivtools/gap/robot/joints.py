@@ -20,7 +20,7 @@ from ...problem import Problem
 from ...record import Record
 from ...results import FitResults
 from .. import response
-from ..diagnose import Begun, begin, finish
+from ..diagnose import Begun, Task, begin, finish
 from ..diagnosis import Diagnosis
 from ..fit import of_effect
 from ..fold import Doubt, Link
@@ -209,7 +209,7 @@ def _begun(
         Link(part.record.t, part.link, _doubt(name, links, part))
         for links, part in zip(told.values(), parts, strict=True)
     ]
-    return begin(parts[0].record, parts[0].loop, other, links=behind, **settings)
+    return begin(Task(parts[0].record, parts[0].loop, other, links=behind, **settings))
 
 
 def _doubt(joint: str, links: Links | None, part: Alone) -> Doubt:

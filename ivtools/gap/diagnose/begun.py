@@ -1,0 +1,260 @@
+"""A diagnosis that has begun: its base model and floor are known, and nothing is named yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from ...errors import IVToolsError
+from ...loop import ClosedLoop
+from ...physics import Term
+from ...record import Record
+from ...workers import one_blas_thread
+from .. import floor, parity, preflight, quantify
+from ..attribute import Attribution, attribute, cost, upheld
+from ..diagnosis import Diagnosis
+from ..fit import Fit, common, of_effect
+from ..floor import Floor, Measured, Ready, folds, masked, measure, prepared
+from ..fold import Fold, Link, Side, threaded
+from ..parity import Parity
+from ..preflight import Finding
+from ..rules import SATURATED, TOLERANCE, Rules
+from .refused import refused
+
+Progress = Callable[[str], None]
+_Folds = tuple[tuple[Side, ...], tuple[Fit, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What a diagnosis is asked: as for `diagnose`, and what its callers inside the toolkit add.
+
+    Parameters
+    ----------
+    whole : bool, optional
+        Whether the final model is fitted to all of the record.
+    described : bool, optional
+        Whether a force without a name is described.
+    places : mapping of str to mapping, optional
+        Where valleys of an effect are known to be: a search that begins in one ends there.
+    """
+
+    record: Record
+    loop: ClosedLoop
+    holdout: Record | None = None
+    judge: Record | None = None
+    tolerance: float = TOLERANCE
+    rules: Rules | None = None
+    extra: Sequence[Term] = ()
+    without: Sequence[str] = ()
+    links: Sequence[Link | None] = ()
+    whole: bool = False
+    described: bool = True
+    places: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The record, and the holdout if there is one."""
+        return (self.record,) if self.holdout is None else (self.record, self.holdout)
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A diagnosis whose base model is fitted, and nothing named yet."""
+
+    task: Task
+    loop: ClosedLoop
+    measured: tuple[Measured, ...]
+    third: Measured | None
+    rules: Rules
+    found: list[Finding]
+
+    @cached_property
+    def whole(self) -> _Folds:
+        """The folds that are judged."""
+        return folds(self.measured)
+
+    @cached_property
+    def calm(self) -> tuple[Measured, ...]:
+        """The records without the stretches that stand out, or as they are."""
+        return tuple(masked(m) for m in self.measured)
+
+    @cached_property
+    def quiet(self) -> _Folds:
+        """Their folds."""
+        stands_out = any(m.floor.isolated for m in self.measured)
+        return folds(self.calm) if stands_out else self.whole
+
+    @cached_property
+    def attributed(self) -> tuple[Fold, Attribution]:
+        """What is named, and the fold on which the gap is quantified."""
+        return _attributed(self)
+
+    @property
+    def places(self) -> dict[str, dict[str, float]]:
+        """Where the valleys of effects were found, if one of them got a name."""
+        result = self.attributed[1]
+        tried = [t for t in result.trials if t.term.search == "valleys" and t.gain > 0.0]
+        if not any(t.name in result.named for t in tried):
+            return {}
+        return {t.name: of_effect(t.fits[0].values, t.name) for t in tried}
+
+    @property
+    def left(self) -> float:
+        """Whitened energy that the base model leaves where both records have been, their mean."""
+        return cost(common(self.quiet[1]))
+
+    @property
+    def floors(self) -> tuple[Floor, ...]:
+        """Floor of each record."""
+        return tuple(m.floor for m in self.measured)
+
+
+@one_blas_thread()
+def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
+    """Begin a diagnosis; return it all where the input is refused."""
+    say = progress or mute
+    for one in (r for r in (*task.records, task.judge) if r is not None):
+        preflight.require(one)
+    say("controller parity")
+    rules = task.rules or Rules()
+    task, parts = _bounded(task, rules.samples)
+    if preflight.lawless(task.record, task.loop):
+        text = "no reference is in the record, so no control law can be read from it; for the "
+        remedy = 'force over the motion alone write [controller] kind = "none"'
+        return refused(task.record, task.loop, (), [Finding(text + remedy), *parts])
+    law = preflight.identified(task.record, task.loop)
+    task, loop, note = _followed(task)
+    record, records, law = task.record, task.records, [*law, *note, *parts]
+    checked = tuple(parity.check(one, loop) for one in records)
+    found = _inspected(records, loop, checked)
+    if any(f.fatal for f in found):
+        return refused(record, loop, checked, [*found, *law])
+    say("base model and floor")
+    try:
+        links = [*task.links, *[None] * 3]
+        ready = [
+            prepared(r, p, records)._replace(link=link)
+            for r, p, link in zip(records, checked, links, strict=False)
+        ]
+        third = None if task.judge is None else _judging(task.judge, loop, records, links[2])
+        loop = _alike(preflight.told_apart(records, loop), ready[0])
+        measured = _confirmed(loop, tuple(threaded(measure, ready)))
+    except IVToolsError as error:
+        return refused(record, loop, checked, [*found, Finding(str(error)), *law])
+    if len(records) == 2:
+        found += preflight.same_axis([m.base for m in measured])
+        level = floor.between(*(m.base for m in measured))
+        measured = tuple(replace(m, floor=replace(m.floor, between=level)) for m in measured)
+    if any(f.fatal for f in found):
+        return refused(record, loop, checked, [*found, *law])
+    if any(p.clipped > SATURATED for p in checked):
+        rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
+    measured = tuple(replace(m, side=replace(m.side, places=task.places)) for m in measured)
+    return Begun(task, loop, measured, third, rules, [*found, *law])
+
+
+def mute(text: str) -> None:
+    """Show no progress."""
+
+
+def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
+    """Return the task with positions to follow, the loop that follows them, and what to say."""
+    known = task.loop.known(task.record)
+    record, note = preflight.followed(task.record, known)
+
+    def other(one: Record | None) -> Record | None:
+        return None if one is None else preflight.followed(one, known)[0]
+
+    task = replace(task, record=record, holdout=other(task.holdout), judge=other(task.judge))
+    return task, known, note
+
+
+def _bounded(task: Task, samples: int) -> tuple[Task, list[Finding]]:
+    """Return the task with one stretch of each record, not too long, and what to say of that."""
+    told = []
+    for name in ("record", "holdout", "judge"):
+        one = getattr(task, name)
+        if one is None:
+            continue
+        if one.breaks:
+            told.append(
+                f"{one.name} has {len(one.parts)} stretches: the longest, "
+                f"{one.longest.n_samples} samples, is diagnosed"
+            )
+        part = one.longest.liveliest(samples)
+        if part.n_samples < one.longest.n_samples:
+            told.append(
+                f"{one.name} has {one.longest.n_samples} samples: the {part.n_samples} in which "
+                f"it moves most, from {part.t[0]:.6g} to {part.t[-1]:.6g} s, are diagnosed"
+            )
+        task = replace(task, **{name: part})
+    return task, [Finding(line, fatal=False) for line in told]
+
+
+def _inspected(
+    records: Sequence[Record], loop: ClosedLoop, checked: Sequence[Parity]
+) -> list[Finding]:
+    """Return what is wrong with the records, or worth a word, by the record's name."""
+    seen = [preflight.inspect(r, loop, p) for r, p in zip(records, checked, strict=True)]
+    if len(records) == 1:
+        return seen[0]
+    named = [preflight.named(s, r) for s, r in zip(seen, records, strict=True)]
+    return [*named[0], *named[1], *preflight.overlap(*records)]
+
+
+def _judging(
+    judge: Record, loop: ClosedLoop, records: Sequence[Record], link: Link | None
+) -> Measured:
+    """Return the record that takes part in nothing, measured as the others are."""
+    ready = prepared(judge, parity.check(judge, loop), records)
+    return measure(ready._replace(link=link))
+
+
+def _alike(loop: ClosedLoop, one: Ready) -> ClosedLoop:
+    """Return the declared loop as it can be compared with a record's: pulled, where that is."""
+    return loop if not one.driven else replace(loop, controller=one.loop.controller)
+
+
+def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measured, ...]:
+    """Take back a correction of the controller that does not lower the force error.
+
+    A model that is driven by the recorded command knows no controller.
+    """
+    kept = []
+    for m in measured:
+        p = m.parity
+        if (
+            p.mismatch
+            and not m.driven
+            and quantify.declared(loop, (m,)).force_rms <= m.base.force_rms
+        ):
+            plain = replace(m.base.loop, controller=replace(loop.controller, delay=p.delay))
+            p = replace(p, loop=plain, mismatch={}, tvalues={}, after=p.before, taken=False)
+            again = Ready(_as_recorded(m), plain, p, m.fold.place, link=m.fold.link)
+            m = measure(again)
+        kept.append(m)
+    return tuple(kept)
+
+
+def _as_recorded(m: Measured) -> Record:
+    """Return the record with its added input as it was logged."""
+    record, extra = m.fold.record, m.parity.mismatch.get("added", 0.0)
+    return record if record.added is None else replace(record, added=record.added / (1.0 + extra))
+
+
+def _attributed(begun: Begun) -> tuple[Fold, Attribution]:
+    """Attribute; if nothing is named, once more without the stretches that stand out.
+
+    Returns the fold on which the gap is quantified as well.
+    """
+    measured, (sides, base), asked = begun.measured, begun.whole, begun.task
+    more = (begun.rules, tuple(asked.extra), tuple(asked.without))
+    result = attribute(sides, base, *more)
+    if not result.named and any(m.floor.isolated for m in measured):
+        measured, whole = begun.calm, (sides, base)
+        sides, base = begun.quiet
+        again = upheld(*whole, attribute(sides, base, *more))
+        result = replace(again, supposed=again.supposed or result.supposed)
+    return (measured if len(measured) == 2 else sides)[-1].fold, result

@@ -1,0 +1,123 @@
+"""A diagnosis that is finished: what is named, where the gap is, and how far it closes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from ...loop import ClosedLoop
+from ...workers import one_blas_thread
+from .. import advice, discrepancy, locate, parity, quantify, verdict
+from ..attribute import Attribution, cost, probability
+from ..diagnosis import Diagnosis
+from ..fit import Fit, common, gauss_newton, steps
+from ..floor import Measured, masked
+from ..fold import Fold
+from ..preflight import Finding
+from ..rules import AT_CONTROLLER, DESCRIBED, OVER_FLOOR, REPEATS
+from .begun import Begun, Progress, mute
+
+
+@one_blas_thread()
+def finish(begun: Begun | Diagnosis, progress: Progress | None = None) -> Diagnosis:
+    """Finish a diagnosis that has begun; one that was refused is finished."""
+    if isinstance(begun, Diagnosis):
+        return begun
+    say = progress or mute
+    say("screening and fitting the effects")
+    fold, result = begun.attributed
+    say("where and how far")
+    return _answer(begun, result, fold)
+
+
+def _answer(begun: Begun, result: Attribution, fold: Fold) -> Diagnosis:
+    """Put the diagnosis together."""
+    task, loop, measured, rules = begun.task, begun.loop, begun.measured, begun.rules
+    checked, held_out = tuple(m.parity for m in measured), task.holdout is not None
+    (at_controller, values), declared = parity.effects(checked), loop.controller.delay
+    lowered = _lowered(loop, measured, result, fold, at_controller, held_out)
+    effects, result, shrink, traces, said = lowered
+    if begun.third is not None:
+        shrink = replace(shrink, judged=quantify.judge(loop, begun.third, result))
+    before, after = cost(result.base), cost(result.held)
+    tell = task.described and after > DESCRIBED
+    left = discrepancy.describe(common(result.held), result.laws) if tell else None
+    repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
+    changed = verdict.changes(result, task.tolerance) if repeats < REPEATS else {}
+    word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
+    nameless = word == "unexplained" and tell and left is None
+    outside = nameless and shrink.after > OVER_FLOOR * shrink.floor
+    return Diagnosis(
+        verdict=word,
+        effects=effects,
+        ambiguous_with={e: result.ambiguous.get(e, []) for e in effects},
+        parameters={e: v for e, v in {**values, **result.parameters}.items() if e in effects},
+        block=locate.block(
+            effects,
+            controller=any(p.delay != declared for p in checked),
+            events=any(m.floor.isolated for m in measured),
+            gap=word != "adequate",
+            outside=outside,
+        ),
+        regions=locate.regions(fold.record, fold.keep, traces.before, traces.after),
+        shrink=shrink,
+        ranking=verdict.ranking(result, rules, max(before - 1.0, 1e-9)),
+        advice=(*advice.motions(result), *advice.remarks(loop, measured, result, held_out)),
+        findings=(*begun.found, *said, *([verdict.outside()] if outside else [])),
+        parity=checked,
+        floors=tuple(m.floor for m in measured),
+        loop=result.fits[0].loop,
+        theta=result.fits[0].values,
+        chi=(before, after),
+        name=task.record.name,
+        replication=result.replication,
+        replicas=verdict.replicate(effects, result, checked, rules),
+        evidence=result.evidence,
+        probability=dict.fromkeys(at_controller, AT_CONTROLLER)
+        | {n: probability(proof) for n, proof in result.evidence.items()},
+        traces=traces,
+        changed=changed,
+        discrepancy=left,
+        tolerance=task.tolerance,
+        whole=_whole(measured[0], result) if task.whole else None,
+        alternatives=result.alternatives if task.whole else (),
+        supposed=None if effects else result.supposed,
+    )
+
+
+class _Lowered(NamedTuple):
+    """What is named, how far the gap shrinks with it, and what is to be said of names that fell."""
+
+    effects: tuple[str, ...]
+    result: Attribution
+    shrink: quantify.Shrink
+    traces: quantify.Traces
+    said: tuple[Finding, ...] = ()
+
+
+def _lowered(
+    loop: ClosedLoop,
+    measured: tuple[Measured, ...],
+    result: Attribution,
+    fold: Fold,
+    at_controller: Sequence[str],
+    held_out: bool,
+) -> _Lowered:
+    """Return the names that lower the force error; if they do not, none."""
+    plain, effects = quantify.declared(loop, measured), (*at_controller, *result.named)
+    shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
+    tried = result.named if measured[-1].driven else effects  # its controller changes nothing
+    removed = cost(result.base) - cost(result.held)
+    if not tried or verdict.lowers(shrink, not at_controller, removed):
+        return _Lowered(effects, result, shrink, traces)
+    nothing = replace(result, fits=result.base, held=result.base, named=())
+    again = quantify.how_far(plain, measured, nothing, fold, held_out)
+    return _Lowered((), nothing, *again, (verdict.no_better(effects, shrink),))
+
+
+def _whole(m: Measured, result: Attribution) -> Fit:
+    """Return the final model, fitted to all that counts of the first record."""
+    fit, fold = result.fits[0], masked(m).fold
+    step = steps(fold, fit.loop, m.side.scales)
+    return gauss_newton(fold, fit.loop, fit.values, fit.free, step)

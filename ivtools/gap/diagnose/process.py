@@ -1,0 +1,112 @@
+"""Process: from records and a loop to a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ...errors import RecordError
+from ...loop import ClosedLoop
+from ...physics import Term
+from ...record import Record
+from ...simulators.protocol import Simulator
+from ...workers import one_blas_thread
+from ..diagnosis import Diagnosis
+from ..fold import Link
+from ..rules import TOLERANCE, Rules
+from ..simulator import against, confirm, run
+from .begun import Progress, Task, begin
+from .finished import finish
+
+
+@one_blas_thread()
+def diagnose(
+    record: Record,
+    loop: ClosedLoop,
+    holdout: Record | None = None,
+    *,
+    simulated: Record | Simulator | None = None,
+    simulated_holdout: Record | None = None,
+    judge: Record | None = None,
+    tolerance: float = TOLERANCE,
+    rules: Rules | None = None,
+    extra: Sequence[Term] = (),
+    without: Sequence[str] = (),
+    links: Sequence[Link | None] = (),
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Say where a simulation parts from a record, which effect it lacks, and how far that closes.
+
+    Parameters
+    ----------
+    record : Record
+        Measured on the axis; with a reference.
+    loop : ClosedLoop
+        The model that is meant to be its twin.
+    holdout : Record, optional
+        Another record of the same axis, which judges. Without it, stretches of the record judge
+        each other, which is weaker: an effect that drifts from record to record cannot show. It
+        takes part in the choice of effects, so its figures are a little too good.
+    simulated, simulated_holdout : Record, optional
+        What a simulator of your own did on the reference of the record, and of the holdout. Then
+        the question is what *it* lacks, and `Diagnosis.changes` says what to change in it. Instead
+        of the logs a `Simulator` may be given: it is run on both references, and once more with the
+        changes, where it can; `Diagnosis.confirmed` has the errors.
+    judge : Record, optional
+        A third record of the same axis that takes part in nothing: its figures are clean.
+    tolerance : float
+        Per cent of the force below which a gap is negligible.
+    rules : Rules, optional
+        What a name takes.
+    extra : sequence of Term
+        Effects of your own that take part.
+    without : sequence of str
+        Effects to leave out of the library.
+    links : sequence of Link or None
+        Of the record, the holdout and the judge, where the axis is a joint of a robot.
+    progress : callable, optional
+        Called with a line of text at each stage.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    RecordError
+        If a record has no reference, or several joints.
+
+    Examples
+    --------
+    >>> import ivtools as iv
+    >>> gap = iv.diagnose(iv.datasets.twin(), iv.axes.emps())
+    >>> gap.effects
+    ('asymmetric-viscous',)
+    """
+
+    def found(
+        one: Record,
+        other: Record | None,
+        loop: ClosedLoop = loop,
+        named: bool = True,
+        described: bool = True,
+    ) -> Diagnosis:
+        whole = simulated is not None
+        kept = rules if named else replace(rules or Rules(), most=0)
+        third = None if whole else judge  # of the axis itself, not of a difference
+        asked = (tolerance, kept, extra, without, links)
+        task = Task(one, loop, other, third, *asked, whole=whole, described=described)
+        return finish(begin(task, progress), progress)
+
+    if simulated is None:
+        return found(record, holdout)
+    if not isinstance(simulated, Simulator):
+        return against(record, loop, holdout, simulated, simulated_holdout, found)
+    if simulated_holdout is not None:
+        raise RecordError(
+            "simulated is a simulator, which is run on the holdout as well; "
+            "leave simulated_holdout out"
+        )
+    other = None if holdout is None else run(simulated, holdout)
+    lacks = against(record, loop, holdout, run(simulated, record), other, found)
+    return replace(lacks, confirmed=confirm(lacks, simulated, holdout or record))
