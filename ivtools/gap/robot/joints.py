@@ -5,8 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,48 +75,32 @@ def diagnose_robot(
         If there is no such joint.
     """
     say = progress or (lambda _: None)
-    wanted = [loop.robot.joint(name) for name in (joints or loop.joints)]
+    numbers = [loop.robot.joint(name) for name in (joints or loop.joints)]
     loop = loop.known(record)
     say("identifying the robot")
     plain, notes = identified(record, loop)
-    found: dict[str, Diagnosis] = {}
+    records = [one for one in (record, holdout) if one is not None]
+    loads = rigid = _Loads(plain, {one: measure(plain, one) for one in records})
+    wanted = every = [_Joint(j, loop.joints[j], rigid, settings) for j in numbers]
     named: dict[str, Diagnosis] = {}
-    better, records = plain, [one for one in (record, holdout) if one is not None]
-    told = {one: measure(plain, one) for one in records}
-    stiff = {j: _begun(j, told, plain, settings) for j in wanted}
-    asked: dict[str, Any] = {}  # what a joint was begun beside, and what it was diagnosed beside
-    under: dict[str, Any] = {}
-    places: dict[str, Any] = {}  # where its second mass was found
+    better = plain
     for again in range(ROUNDS):
         if better is not plain:
-            told = {one: measure(better, one, told[one]) for one in records}
+            told = {one: measure(better, one, loads.told[one]) for one in records}
+            loads = _Loads(better, told)
         soft: dict[str, Diagnosis] = {}
-        for j in sorted(wanted, key=lambda j: -_turn(stiff[j], found.get(loop.joints[j]))):
-            name = loop.joints[j]
-            say(f"joint {name}" + (", beside the other joints' effects" if again else ""))
-            own = named[name].effects if name in named and better is not plain else ()
-            itself = again > 0 and not found[name].effects and _swing(found[name]) > 0.0
-            links = {name: found[name]} if itself else {}
-            begun_beside = partial(
-                _begun, j, told, better, {**settings, **places.get(name, {})}, own
-            )
-            if asked.get(name) != (key := _key(better, own, {**soft, **links})):
-                asked[name], swung = key, 0.0
-                begun = begun_beside(soft) if soft or better is not plain else stiff[j]
-                if soft:
-                    swung = _unforeseen(stiff[j]) - _unforeseen(begun)
-                beside = {**(soft if swung > 0.0 else {}), **links}
-                if under.get(name) != (key := _key(better, own, beside)):  # else nothing is new
-                    under[name] = key
-                    if beside.keys() != soft.keys():
-                        rigid = better is plain and not beside
-                        begun = stiff[j] if rigid else begun_beside(beside)
-                    found[name] = heard(finish(begun), SWUNG * max(swung, 0.0))
-                    places[name] = {"places": getattr(begun, "places", {})}
-            if _swing(found[name]) > 0.0 and (again or found[name].effects):
-                soft[name] = found[name]
-        told_of = found if again + 1 == ROUNDS else {n: assumed(d) for n, d in found.items()}
-        last, named = named, {name: d for name, d in told_of.items() if d.effects}
+        for one in sorted(wanted, key=lambda one: -one.turn):
+            say(f"joint {one.name}" + (", beside the other joints' effects" if again else ""))
+            own = named[one.name].effects if one.name in named and better is not plain else ()
+            found = one.diagnosed(loads if better is not plain else rigid, own, soft)
+            if _swing(found) > 0.0 and (again or found.effects):
+                soft[one.name] = found
+        last, named = named, {}
+        for one in every:
+            assert one.found is not None
+            told_of = one.found if again + 1 == ROUNDS else assumed(one.found)
+            if told_of.effects:
+                named[one.name] = told_of
         if plain.problem is None or _effects(named) == _effects(last):
             break
         fuller = with_effects(loop, named)
@@ -126,12 +109,98 @@ def diagnose_robot(
         else:
             better, more = identified(record, fuller, plain.problem.pipeline)
             notes = (*notes, *more)
-        wanted = [j for j in wanted if _open(loop.joints[j], found)]
-    found = {name: found[name] for name in loop.joints if name in found}
+        wanted = [one for one in wanted if one.open]
+    by_name = {one.name: one.found for one in every if one.found is not None}
+    answers = {name: by_name[name] for name in loop.joints if name in by_name}
     say("the coupled simulation")
     other = record if holdout is None else holdout
     coupled = Coupled(*(errors(fit, other) for fit in (plain, better)))
-    return RobotDiagnosis(record.name, loop.name, found, plain, better, coupled, notes)
+    return RobotDiagnosis(record.name, loop.name, answers, plain, better, coupled, notes)
+
+
+class _Loads(NamedTuple):
+    """What the links put on the joints by a fit, and what each record tells of them."""
+
+    fit: FitResults
+    told: Mapping[Record, Links | None]
+
+
+class _Joint:
+    """One joint, from round to round.
+
+    Parameters
+    ----------
+    j : int
+        Counted from 0.
+    name : str
+    rigid : _Loads
+        By the fit without any effect.
+    settings : mapping
+        As for `diagnose`.
+    """
+
+    def __init__(self, j: int, name: str, rigid: _Loads, settings: Mapping[str, Any]):
+        self.j, self.name, self.rigid, self.settings = j, name, rigid, settings
+        self.stiff = _begun(j, rigid, settings)
+        self.found: Diagnosis | None = None
+        self._begun_under: Any = None  # which loads: these very objects
+        self._found_under: Any = None
+        self._places: Mapping[str, Any] = {}  # where its second mass was found
+
+    @property
+    def turn(self) -> float:
+        """What the joints are diagnosed in the order of, the largest first.
+
+        That is the energy that the rigid joint leaves, and later the gain of its two masses.
+        """
+        if self.found is not None:
+            return _swing(self.found)
+        return self.stiff.left if isinstance(self.stiff, Begun) else 0.0
+
+    @property
+    def open(self) -> bool:
+        """Whether links that are estimated with what is named may change what is said of it."""
+        return self.found is not None and self.found.verdict != "adequate"
+
+    def diagnosed(
+        self, loads: _Loads, own: tuple[str, ...], soft: Mapping[str, Diagnosis]
+    ) -> Diagnosis:
+        """Return what is found under these loads, which is not looked for again under the same.
+
+        Parameters
+        ----------
+        loads : _Loads
+        own : tuple of str
+            Effects of this joint that the links were estimated with.
+        soft : mapping of str to Diagnosis
+            Joints that have two masses.
+        """
+        known = self.found
+        itself = known is not None and not known.effects and _swing(known) > 0.0
+        link = {self.name: known} if known is not None and itself else {}
+        under = loads.fit, own, {**soft, **link}
+        if known is not None and under == self._begun_under:
+            return known
+        self._begun_under, begun = under, self._begin(loads, own, soft)
+        swung = _unforeseen(self.stiff) - _unforeseen(begun) if soft else 0.0
+        beside = {**(soft if swung > 0.0 else {}), **link}
+        under = loads.fit, own, beside
+        if known is not None and under == self._found_under:
+            return known
+        self._found_under = under
+        if beside.keys() != soft.keys():
+            begun = self._begin(loads, own, beside)
+        self.found = heard(finish(begun), SWUNG * max(swung, 0.0))
+        self._places = begun.places if isinstance(begun, Begun) else {}
+        return self.found
+
+    def _begin(
+        self, loads: _Loads, own: tuple[str, ...], beside: Mapping[str, Diagnosis]
+    ) -> Begun | Diagnosis:
+        if loads is self.rigid and not beside:
+            return self.stiff
+        settings = {**self.settings, "places": self._places}
+        return _begun(self.j, loads, settings, own, beside)
 
 
 def assumed(diagnosis: Diagnosis) -> Diagnosis:
@@ -141,21 +210,6 @@ def assumed(diagnosis: Diagnosis) -> Diagnosis:
         return diagnosis
     parameters = {one.effect: of_effect(one.values, one.effect)}
     return replace(diagnosis, effects=(one.effect,), parameters=parameters, theta=one.values)
-
-
-def _turn(begun: Begun | Diagnosis, found: Diagnosis | None) -> float:
-    """Return what the joints are diagnosed in the order of, the largest first.
-
-    That is the energy that the rigid joint leaves, and later the gain of its two masses.
-    """
-    if found is not None:
-        return _swing(found)
-    return begun.left if isinstance(begun, Begun) else 0.0
-
-
-def _key(fit: FitResults, own: Sequence[str], beside: Mapping[str, Diagnosis]) -> Any:
-    """Return what tells apart under which loads a joint is diagnosed: these very objects."""
-    return fit, tuple(own), dict(beside)
 
 
 def _swing(diagnosis: Diagnosis | None) -> float:
@@ -171,11 +225,6 @@ def _swing(diagnosis: Diagnosis | None) -> float:
 
 def _effects(found: Mapping[str, Diagnosis]) -> dict[str, tuple[str, ...]]:
     return {name: d.effects for name, d in found.items()}
-
-
-def _open(joint: str, found: Mapping[str, Diagnosis]) -> bool:
-    """Whether links that were estimated with what is named may change what is said of a joint."""
-    return found[joint].verdict != "adequate"
 
 
 def identified(
@@ -194,13 +243,13 @@ def identified(
 
 def _begun(
     j: int,
-    told: Mapping[Record, Links | None],
-    fit: FitResults,
+    loads: _Loads,
     settings: Mapping[str, Any],
     without: Sequence[str] = (),
     soft: Mapping[str, Diagnosis] | None = None,
 ) -> Begun | Diagnosis:
     """Begin to diagnose one joint under the loads that the links of a fit put on it."""
+    fit, told = loads
     name = fit.problem.loop.joints[j]  # type: ignore[union-attr]
     soft = {n: assumed(d) for n, d in soft.items()} if soft else None
     parts = [alone(j, one, fit, without, soft) for one in told]
