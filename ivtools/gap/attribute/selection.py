@@ -8,7 +8,7 @@ forward selection add one effect each; a backward pass drops what a later one ma
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -146,18 +146,18 @@ class Attribution:
     def proof(self, r: Round, trial: Trial) -> Evidence:
         """Return what speaks for one of the effects that were tried in a round."""
         others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
-        needed = self._needed(self.rounds[: self.rounds.index(r)], trial)
-        return evidence(trial, others, self.base, self.full or self.held, needed)
+        return evidence(trial, others, self.base, self.full or self.held, self._needed(trial))
 
-    def _needed(self, earlier: Sequence[Round], trial: Trial) -> bool:
+    def _needed(self, trial: Trial) -> bool:
         """Whether a force without a name is significantly worse without the effect of a trial.
 
-        That is, beside any model of the rounds before it, compared with all names.
+        That is, beside any model of the rounds that has not got it, compared with all names.
         """
         if self.laws is None:
             return True
-        before = [self.base, *(r.best.held for r in earlier if r.best is not None)]
-        models = [common(fits) for fits in (*before, self.full or self.held)]
+        found = [r.best.held for r in self.rounds if r.best is not None]
+        without = [fits for fits in found if trial.name not in _effects(fits)]
+        models = [common(fits) for fits in (self.base, *without, self.full or self.held)]
         *others, own = (fitted(fits, self.laws) for fits in models)
         least = least_t(trial.gain)
         return all(advantage(models[0], other, own) > least for other in others)
@@ -191,35 +191,104 @@ def attribute(
     without : tuple of str
         Effects left out of the library.
     """
+    elsewhere = any(s.fold.both is not None for s in sides)
     rounds: list[Round] = []
-    best: list[Trial] = []
-    while len(best) < rules.most:
-        loop = best[-1].fits[0].loop if best else base[0].loop
-        rounds.append(play(sides, base, rounds, library(loop, extra, without), rules))
+    best: list[tuple[Trial, ...]] = []  # what gets a name at once: one effect, or a pair
+    room = rules.most
+
+    def tried(earlier: Sequence[Round], only: str = "") -> Round:
+        """Return the round that comes after some others, of all effects or one."""
+        last = earlier[-1].best if earlier else None
+        terms = library(last.fits[0].loop if last else base[0].loop, extra, without)
+        return play(sides, base, earlier, [t for t in terms if only in ("", t.name)], rules)
+
+    while room:
+        rounds.append(tried(rounds))
         winner = rounds[-1].best
-        elsewhere = any(s.fold.both is not None for s in sides)
-        if winner is not None and winner.term.local and elsewhere:
+        group: tuple[Trial, ...] = () if winner is None else (winner,)
+        local = elsewhere and any(t.term.local for t in group)
+        if winner is not None and not local and _doubtful(winner, rounds[-1], base, rules):
+            more = _pair(rounds, tried, base, rules) if room > 1 else []
+            rounds += more
+            group = tuple(r.best for r in more[-2:] if r.best is not None)
+            local = elsewhere and any(t.term.local for t in group)
+        if local:
             sides = tuple(s.common for s in sides)
             return attribute(sides, common(base), rules, extra, without)
-        if winner is None or _doubtful(winner, rounds[-1], base, rules):
+        if not group:
             break
-        best.append(winner)
-        if cost(winner.held) < CLEAN:  # at the floor: nothing is left to have a name
+        best.append(group)
+        room -= len(group)
+        if cost(group[-1].held) < CLEAN:  # at the floor: nothing is left to have a name
             break
-    left = bool(best) and cost(best[-1].held) >= min(CLEAN, MORE * lawless(base))  # to describe
-    models = [common(fits) for fits in (base, *(t.held for t in best))] if left else []
+    ends = [group[-1] for group in best]
+    left = bool(ends) and cost(ends[-1].held) >= min(CLEAN, MORE * lawless(base))  # to describe
+    models = [common(fits) for fits in (base, *(t.held for t in ends))] if left else []
     laws = next(filter(None, map(Laws.of, models[::-1])), None)
-    seen = bool(best) and best[0].name == rounds[0].measured
-    own = [t.unlike > UNLIKE_SMOOTH for t in best]
-    best = best[: len(best) if laws is None else _told(models, laws, own, rules, int(seen))]
-    fits, held = (best[-1].fits, best[-1].held) if best else (base, base)
-    kept, fits, held = _backward(sides, base, fits, held, [t.name for t in best])
+    seen = bool(best) and best[0][0].name == rounds[0].measured
+    own = [any(t.unlike > UNLIKE_SMOOTH for t in group) for group in best]
+    count = len(best) if laws is None else _told(models, laws, own, rules, int(seen))
+    fits, held = (ends[count - 1].fits, ends[count - 1].held) if count else (base, base)
+    names = [t.name for group in best[:count] for t in group]
+    kept, fits, held = _backward(sides, base, fits, held, names)
     found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws=laws)
     found = _withdrawn(sides, found)
     first = rounds[0].best if rounds else None
     if found.named or first is None or np.min(first.gains) < rules.dominant.gain:
         return found
     return replace(found, supposed=Supposed(first.name, first.fits[0].values, first.gain))
+
+
+def _pair(
+    rounds: Sequence[Round],
+    tried: Callable[..., Round],
+    base: tuple[Fit, ...],
+    rules: Rules,
+) -> list[Round]:
+    """Return further rounds that end with either of two effects beside the other, or nothing.
+
+    Where two of them share the gap, neither explains most of it alone, and a force that only
+    resembles one may do better than both. So the round's best is followed by the next one, beside
+    which the first is chosen anew. Both get a name if they leave the floor together, and either is
+    sure beside the other. An effect that depends on a position which the other fold has not seen
+    ends the search by itself: it begins again where both have been.
+
+    Parameters
+    ----------
+    rounds : sequence of Round
+        The last one has the best effect that is doubtful by itself.
+    tried : callable
+        Plays the round that comes after others.
+    base : tuple of Fit
+    rules : Rules
+
+    P. Pudil, J. Novovicova, J. Kittler, Pattern Recognition Letters 15(11), 1994: a search that
+    floats.
+    """
+    earlier, first = list(rounds[:-1]), rounds[-1]
+
+    def beside(name: str) -> Round | None:
+        """Return the round that comes after a first one with this effect."""
+        if first.best is not None and first.best.name == name:
+            return tried(rounds)
+        known = [t for t in first.trials if t.name == name] or tried(earlier, name).trials
+        one = replace(first, qualified=tuple(known), measured="")
+        return tried([*earlier, one]) if known else None
+
+    assert first.best is not None
+    names = [first.best.name]
+    found: list[Round] = []
+    while len(found) < 3:
+        last = beside(names[-1])
+        if last is None or last.best is None or _doubtful(last.best, last, base, rules):
+            return []
+        found.append(last)
+        if last.best.term.local and any(f.fold.both is not None for f in base):
+            return found
+        names.append(last.best.name)
+        if len(found) > 1 and names[-1] == names[-3]:  # either is the best beside the other
+            return found if cost(last.best.held) < CLEAN else []
+    return []
 
 
 def _told(
@@ -354,6 +423,10 @@ def _backward(
         if loss < SUPERFLUOUS * gap:
             named, fits, held = [n for n in named if n != name], fewer, judged
     return named, fits, held
+
+
+def _effects(fits: Sequence[Fit]) -> set[str]:
+    return {t.name for t in fits[0].loop.terms}
 
 
 def _without(side: Side, fit: Fit, name: str) -> Fit:
