@@ -103,6 +103,17 @@ def test_axe_finds_no_serious_fault(chrome, pages):
             assert not faults(chrome, script), f"{name} at {width}, dark: {dark}"
 
 
+def test_a_chart_not_yet_drawn_for_a_narrow_window_widens_no_page(chrome, pages):
+    for name, file in pages.items():
+        chrome.get(file.as_uri())
+        sized(chrome, 360)
+        wide = chrome.execute_script(
+            "document.querySelectorAll('.uplot').forEach((p) => { p.style.width = '972px' });"
+            "return document.documentElement.scrollWidth"
+        )
+        assert wide <= 360, name
+
+
 def test_pages_are_small(pages):
     sizes = {name: file.stat().st_size for name, file in pages.items()}
     assert max(sizes.values()) <= LARGEST, sizes

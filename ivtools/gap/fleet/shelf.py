@@ -35,7 +35,10 @@ class Shelf:
         """Return the finished entry of that name and key, if there is one."""
         page = self.page(entry)
         try:
-            found = json.loads(page.with_suffix(".json").read_bytes())
+            written = page.with_suffix(".json").read_bytes()
+            found = json.loads(written)
+            if written != _text(found).encode():  # one number can be written in several ways
+                return None
             check = found.pop("checksum")
             if found["key"] != key or check != _checksum(found, page.read_bytes()):
                 return None
@@ -66,12 +69,16 @@ class Shelf:
         }
         about["checksum"] = _checksum(json.loads(json.dumps(about)), html.encode())
         write(page, html)
-        write(page.with_suffix(".json"), json.dumps(about, indent=1) + "\n")
+        write(page.with_suffix(".json"), _text(about))
         return replace(entry, page=page)
 
     def page(self, entry: Entry) -> Path:
         """Return the place of a record's page."""
         return self.folder / PAGES / f"{entry.name}.html"
+
+
+def _text(about: dict[str, Any]) -> str:
+    return json.dumps(about, indent=1) + "\n"
 
 
 def _checksum(about: dict[str, Any], page: bytes) -> str:
