@@ -157,7 +157,12 @@ def held(true: iv.RobotLoop, q0: np.ndarray) -> np.ndarray:
     return q0
 
 
-def simulated(true: iv.RobotLoop, record: iv.Record, noise: np.ndarray | None) -> iv.Record:
+def simulated(
+    true: iv.RobotLoop,
+    record: iv.Record,
+    noise: np.ndarray | None = None,
+    values: dict[str, float] | None = None,
+) -> iv.Record:
     """What the controllers of an arm see and say, its free joints left out."""
     driven = [j for j, axis in enumerate(true.axes) if axis.controller.kind != "none"]
     rng = np.random.default_rng(0)
@@ -172,7 +177,7 @@ def simulated(true: iv.RobotLoop, record: iv.Record, noise: np.ndarray | None) -
     whole = iv.Record(record.t, q=wanted, q_ref=wanted, nu=wide(record.nu, 1e-12))
     shaken = None if noise is None else wide(noise, 0.0)
     steps = None if len(driven) == len(true.axes) else 4
-    sim = true.simulate(whole, initial="rest", position_noise=shaken, substeps=steps)
+    sim = true.simulate(whole, values, initial="rest", position_noise=shaken, substeps=steps)
     return iv.Record(record.t, q=sim.q[:, driven], q_ref=record.q_ref, nu=sim.nu[:, driven])
 
 
@@ -182,7 +187,7 @@ def measured(true: iv.RobotLoop, n: int, seed: int, noise: float) -> tuple[iv.Re
     t, q_ref = reference(SECONDS, n=n, seed=seed, size=0.5 if n == 2 else 0.25)
     asked = plan(t, q_ref)
     shaken = noise * rng.standard_normal(q_ref.shape)
-    return simulated(true, asked, shaken), simulated(true, asked, None)
+    return simulated(true, asked, shaken), simulated(true, asked)
 
 
 def energy(record: iv.Record, clean: iv.Record, without: iv.RobotLoop, joint: int) -> float:
@@ -196,7 +201,7 @@ def energy(record: iv.Record, clean: iv.Record, without: iv.RobotLoop, joint: in
         )
 
     def command(values: dict[str, float]) -> np.ndarray:
-        return without.simulate(record, values, initial="rest").nu
+        return simulated(without, record, values=values).nu
 
     now, columns = command(values), []
     for name in without.base.names:
@@ -247,7 +252,7 @@ def case(number: int, first: int = FIRST, kinds: Sequence[str] = EFFECTS) -> lis
     rows = []
     for j, (name, d) in enumerate(found.joints.items()):
         twins = {t for e in d.effects for t in d.ambiguous_with.get(e, [])}
-        others = {k: v for k, v in hidden.items() if k != name and v[0] not in TWO_MASSES}
+        others = {k: v for k, v in hidden.items() if k != name}
         shows = energy(*both[0], with_effects(loop, others), j) if name in hidden else 0.0
         rows.append(
             {
