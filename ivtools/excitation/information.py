@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -20,6 +20,7 @@ Criterion = Literal["condition", "d", "a"]
 _SHARE = 1e-6  # of the limits: step of the differences
 _OVER = 30.0  # weight of an effort beyond its limit
 _EFFORT = 0.97  # of the limit, at which that begins
+_SOFT = 0.03  # of a joint's speed limit: within it a softened dry friction turns
 
 
 class Cost(NamedTuple):
@@ -44,17 +45,36 @@ class Information:
     power : float
         Sharpness of the condition number: that of the norm of the eigenvalues that stands for
         the largest one, for the largest has no derivative where two are equal.
+    soft : bool
+        Whether dry friction turns smoothly with the velocity. As a step it has no derivative at a
+        reversal, and gradient searches end there.
     """
 
     loop: ClosedLoop | RobotLoop
     limits: Limits
     criterion: Criterion = "condition"
     power: float = 4.0
+    soft: bool = False
 
     def matrix(self, motion: Motion) -> Array:
         """Return the observation matrix, (n_joints, n_samples, p)."""
         X = self.loop.regressor(motion)
-        return X if X.ndim == 3 else X[np.newaxis]
+        X = X if X.ndim == 3 else X[np.newaxis]
+        if self.soft:
+            for joint, column in zip(*self._dry.nonzero(), strict=True):
+                speed = _SOFT * self.limits.speed[joint]
+                X[joint, :, column] = np.tanh(motion.dq[:, joint] / speed)
+        return X
+
+    @cached_property
+    def _dry(self) -> NDArray[np.bool_]:
+        """Which columns are the sign of which joint's velocity, (n_joints, p)."""
+        limits, shape = self.limits, (64, self.limits.n_joints)
+        rng = np.random.default_rng(0)
+        q = rng.uniform(limits.lower, limits.upper, shape)
+        motion = Motion(q, *(rng.uniform(-x, x, shape) for x in self._sizes[1:]))
+        X = replace(self, soft=False).matrix(motion)
+        return np.asarray((np.sign(motion.dq).T[:, :, np.newaxis] == X).all(axis=1))
 
     def condition(self, motion: Motion) -> float:
         """Return the condition number of the observation matrix, in SI units."""
@@ -78,31 +98,32 @@ class Information:
 
     def __call__(self, motion: Motion) -> Cost:
         """Return the criterion of a motion and its derivative."""
-        X = self.matrix(motion)
+        around, steps = self._around(motion)
+        X = around[:, 0]
         rows = (X * self._weights[:, np.newaxis, np.newaxis]).reshape(-1, X.shape[2])
         value, S = self._scored(rows.T @ rows)
         excess, pushed = self._excess(X)
         by = 2.0 * (self._weights[:, np.newaxis, np.newaxis] ** 2 * X) @ S  # (joints, n, p)
         if pushed is not None:
             by += pushed[:, :, np.newaxis] * self._theta
-        return Cost(value + excess, self._slopes(motion, by))
+        worth = np.einsum("jknp,jnp->kn", around, by)
+        slopes = (worth[1:] - worth[0]) / steps.ravel()[:, np.newaxis]
+        n, joints = motion.q.shape
+        return Cost(value + excess, Motion(*slopes.reshape(3, joints, n).transpose(0, 2, 1)))
 
-    def _slopes(self, motion: Motion, by: Array) -> Motion:
-        """Return the derivative by every sample of every signal, `by` that by the matrix.
+    def _around(self, motion: Motion) -> tuple[Array, Array]:
+        """Return the matrix as it is and with each signal changed, (joints, 1 + 3 joints, n, p).
 
-        Each sample has rows of its own, so one difference per signal and joint serves all
-        samples; the changed motions follow each other as if they were one.
+        With the steps, (3, joints). Each sample has rows of its own, so one difference per signal
+        and joint serves all samples; the changed motions follow each other as if they were one.
         """
         n, joints = motion.q.shape
-        steps = _SHARE * np.array(self._sizes)  # (3, joints)
+        steps = _SHARE * np.array(self._sizes)
         moved = [np.tile(signal, (1 + 3 * joints, 1)) for signal in motion]
         for k in range(3 * joints):
             signal, joint = divmod(k, joints)
             moved[signal][(k + 1) * n : (k + 2) * n, joint] += steps[signal, joint]
-        X = self.matrix(Motion(*moved)).reshape(joints, 1 + 3 * joints, n, -1)
-        worth = np.einsum("jknp,jnp->kn", X, by)
-        slopes = (worth[1:] - worth[0]) / steps.ravel()[:, np.newaxis]
-        return Motion(*slopes.reshape(3, joints, n).transpose(0, 2, 1))
+        return self.matrix(Motion(*moved)).reshape(joints, 1 + 3 * joints, n, -1), steps
 
     @property
     def _sizes(self) -> tuple[Array, Array, Array]:

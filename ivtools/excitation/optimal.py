@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ class Stage(NamedTuple):
     """Searches with so many harmonics at least; how sharp, how long, and how many then go on."""
 
     harmonics: int
+    per_wave: int  # samples of the shortest wave
     powers: tuple[float, ...]
     steps: int
     kept: int
@@ -34,13 +36,13 @@ class Stage(NamedTuple):
 
 #: What a short search finds says more of a start than what the start is worth: many begin, few end.
 STAGES = (
-    Stage(12, (2.0,), 40, 10),
-    Stage(16, (4.0,), 60, 5),
-    Stage(16, (12.0,), 80, 3),
-    Stage(20, (4.0, 20.0), 80, 2),
-    Stage(20, (60.0,), 120, 1),
+    Stage(12, 8, (2.0,), 40, 10),
+    Stage(16, 8, (4.0,), 60, 5),
+    Stage(16, 8, (12.0,), 80, 3),
+    Stage(20, 12, (4.0, 20.0), 80, 2),
+    Stage(20, 12, (60.0,), 120, 1),
 )
-_PER_WAVE = 12  # samples of the shortest wave while searching
+_PER_WAVE = 12  # samples of the shortest wave where a series is judged
 _FINE = 60  # and when limits are made to hold
 _WEIGHT = 100.0  # of motion beyond its limits
 _SHRINK, _SHRINKS = 0.95, 60
@@ -180,7 +182,7 @@ def _searched(information: Information, found: Found, stage: Stage) -> Found:
     The search lets motion beyond its limits cost; what it finds is made to hold them all.
     """
     start = found.series.wider(stage.harmonics)
-    series = Series(start.period, start.harmonics, _PER_WAVE * start.harmonics)
+    series = Series(start.period, start.harmonics, stage.per_wave * start.harmonics)
     n, size = start.coefficients.shape
     limits = information.limits
     unit = limits.upper - limits.lower
@@ -191,7 +193,7 @@ def _searched(information: Information, found: Found, stage: Stage) -> Found:
         return parts[:, :size], parts[:, size]
 
     for power in stage.powers if information.criterion == "condition" else stage.powers[:1]:
-        sharp = Information(information.loop, limits, information.criterion, power)
+        sharp = replace(information, power=power, soft=True)
 
         def cost(x: Array, sharp: Information = sharp) -> tuple[float, Array]:
             motion = series.motion(*unpacked(x))

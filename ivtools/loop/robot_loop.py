@@ -314,10 +314,8 @@ class RobotLoop(Model):
     def _links(self, motion: Motion, columns: NDArray[np.int64] | None) -> Array:
         """Return the links' part of the observation matrix, (n_joints, n_samples, n_columns)."""
         q, dq, ddq = (self._to_joints(x) for x in motion)
-        X = self.robot.regressor(q, dq, ddq, columns)
-        X = X.transpose(1, 0, 2)  # (n_joints, n_samples, n_columns)
-        if columns is not None and X.shape[2] < len(self.base.names):
-            X = np.concatenate([X, np.zeros((*X.shape[:2], len(self.base.names) - X.shape[2]))], 2)
+        n_columns = 0 if columns is None else len(self.base.names)
+        X = self.robot.regressor(q, dq, ddq, columns, n_columns).transpose(1, 0, 2)
         if self.transmission is not None:
             X = np.einsum("ji,jsk->isk", self._T, X)
         return np.asarray(X, dtype=float)

@@ -271,7 +271,12 @@ class Robot:
         return out
 
     def regressor(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, columns: NDArray[np.int64] | None = None
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        columns: NDArray[np.int64] | None = None,
+        n_columns: int = 0,
     ) -> Array:
         """Return the observation matrix, (n_samples, n_joints, n_columns).
 
@@ -280,11 +285,13 @@ class Robot:
         q, dq, ddq : (n_samples, n_joints) array_like
         columns : (n, 10) ndarray of int, optional
             Column of each standard parameter, -1 to leave it out; default: all, link by link.
+        n_columns : int, optional
+            At least so many; those that no parameter has are 0.
         """
         q, dq, ddq = self._signals(q, dq, ddq)
         if columns is None:
             columns = np.arange(10 * self.n_joints).reshape(-1, 10)
-        out = np.zeros((*q.shape, int(columns.max(initial=-1)) + 1))
+        out = np.zeros((*q.shape, max(int(columns.max(initial=-1)) + 1, n_columns)))
         dynamics.observations(self.tree, columns, q, dq, ddq, out)
         return out
 
