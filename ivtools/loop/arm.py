@@ -75,7 +75,7 @@ class Room(NamedTuple):
     ----------
     at : Frames
     M, L : (n, n) ndarray
-        Mass matrix, and its Cholesky factor without the joints that are held.
+        Mass matrix, and the inverse of its Cholesky factor without the joints that are held.
     bias : (n,) ndarray
         Forces that the motion asks for without acceleration.
     level, slope, force : (n,) ndarray
@@ -195,7 +195,11 @@ def settle(arm, r, x):
 
 @inlined
 def factor(r, mode):
-    """Factor the mass matrix of the joints that move; return whether it is positive definite."""
+    """Fill r.L with the inverse of the Cholesky factor of the mass matrix of the joints that move.
+
+    Returns whether the matrix is positive definite. A step solves with it some seven times, and a
+    product has no row that waits for the one before, as a substitution has.
+    """
     n, L = mode.size, r.L
     for i in range(n):
         for j in range(i + 1):
@@ -206,24 +210,32 @@ def factor(r, mode):
             if i > j:
                 L[i, j] = total * L[j, j]
             elif total > 0.0:
-                L[i, i] = 1.0 / np.sqrt(total)  # its reciprocal, which the solutions multiply by
+                L[i, i] = 1.0 / np.sqrt(total)  # already that of the inverse
             else:
                 return False
+    for i in range(n):
+        for j in range(i):
+            total = 0.0
+            for k in range(j, i):
+                total -= L[i, k] * L[k, j]
+            L[i, j] = total * L[i, i]
     return True
 
 
 @inlined
 def solve(L, b):
-    """Replace b by the accelerations under it; `L` holds reciprocals on its diagonal."""
+    """Replace b by the accelerations under it, `L` being what `factor` has filled in."""
     n = b.size
-    for i in range(n):
-        for k in range(i):
-            b[i] -= L[i, k] * b[k]
-        b[i] *= L[i, i]
     for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            b[i] -= L[k, i] * b[k]
-        b[i] *= L[i, i]
+        total = 0.0
+        for k in range(i + 1):
+            total += L[i, k] * b[k]
+        b[i] = total
+    for i in range(n):
+        total = 0.0
+        for k in range(i, n):
+            total += L[k, i] * b[k]
+        b[i] = total
 
 
 @compiled
@@ -475,15 +487,17 @@ def _any(margins):
 def _through_events(arm, r, there, x, y, mode, after, h, tau, rise, t, user):
     """Move on from x over h, stopping at every event; y is where one mode has led.
 
-    The arguments x, mode and tau are used up.
+    Returns whether `there` has been settled where y ends. The arguments x, mode and tau are used
+    up.
     """
     n = mode.size
-    before, middle, force = np.empty(n), state(n), np.empty(n)
+    force = there.force  # which no margin needs
     for i in range(n):
         force[i] = tau[i] + rise[i] * h
     _margins(arm, there, y, mode, force, t + h, user, after)
     if not _any(after):
-        return
+        return _any_held(mode)
+    before, middle = np.empty(n), state(n)
     for _ in range(_MAX_EVENTS * n):
         pulls = there.w.copy()  # behind the event
         _margins(arm, there, x, mode, tau, t, user, before)
@@ -504,22 +518,27 @@ def _through_events(arm, r, there, x, y, mode, after, h, tau, rise, t, user):
         _stepped(arm, r, x, y, mode, h, tau, rise, t, user)
         _margins(arm, there, y, mode, force, t + h, user, after)
         if not _any(after):
-            return
+            return _any_held(mode)
     # so many events are chatter about standstill: what rests now rests to the end of the step
     for i in range(n):
         mode[i] = np.sign(x.v[i])
     _factored(r, mode)
     _stepped(arm, r, x, y, mode, h, tau, rise, t, user)
+    return False
 
 
 @inlined
-def advance(arm, r, there, x, y, mode, after, h, tau, rise, t, user, a):
+def advance(arm, r, there, x, y, mode, after, h, tau, rise, t, user, a, known):
     """Move from x to y over h, through whatever happens; fill a with the first acceleration.
 
-    Returns whether the mass matrix was positive definite. x, mode and tau may be used up.
+    `known` says whether `there` has been settled at x. Returns whether the mass matrix was positive
+    definite, and whether `there` has been settled at y. x, mode and tau may be used up.
     """
     n = mode.size
-    settle(arm, r, x)
+    if known:
+        r.M[:], r.bias[:] = there.M, there.bias
+    else:
+        settle(arm, r, x)
     for i in range(n):
         mode[i] = np.sign(x.v[i])
     resting = _any_held(mode)
@@ -529,6 +548,7 @@ def advance(arm, r, there, x, y, mode, after, h, tau, rise, t, user, a):
     for i in range(n):
         a[i] = r.a[i]
         stays &= mode[i] * y.v[i] > 0.0
+    known = False
     if not stays:
-        _through_events(arm, r, there, x, y, mode, after, h, tau, rise, t, user)
-    return good
+        known = _through_events(arm, r, there, x, y, mode, after, h, tau, rise, t, user)
+    return good, known

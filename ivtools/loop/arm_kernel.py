@@ -242,6 +242,7 @@ def run(dt, least, laws, outside, quantum, arm, user, work, out):
     rows, sent = lent(work.rows), lent(work.sent)
     force, target, lead, tau = rows[0], rows[1], rows[2], rows[3]
     rise, mode, after, a = rows[4], rows[5], rows[6], rows[7]
+    known = False
     for k in range(samples):
         _control(laws, outside, quantum, whole, work, k, p, on, out)
         for i in range(counts.size):
@@ -258,7 +259,10 @@ def run(dt, least, laws, outside, quantum, arm, user, work, out):
                     rise[j] = lead[j] * (lines[i, j, 1] - lines[i, j, 0]) / h
                     lead[j] *= lines[i, j, 2]
                 t = k * dt + spans[i] + m * h
-                if not advance(arm, here, there, x, y, mode, after, h, tau, rise, t, user, a):
+                good, known = advance(
+                    arm, here, there, x, y, mode, after, h, tau, rise, t, user, a, known
+                )
+                if not good:
                     out[:, :, k:] = np.nan
                     return not _finite(x)
                 copy(y, x)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -98,8 +99,18 @@ def laws(loop: RobotLoop, record: Record, own: list[dict[str, float]], initial: 
     for j, axis in enumerate(loop.axes):
         if opened:
             axis = replace(axis, controller=Controller("none", {}))
-        parts.append(driven(axis, record.joint(j), own[j], _initial(initial, j)))
+        parts.append(driven(axis, _joints(record)[j], own[j], _initial(initial, j)))
     return Laws(*(_stacked([np.asarray(p[i]) for p in parts]) for i in range(len(Laws._fields))))
+
+
+def _joints(record: Record) -> tuple[Record, ...]:
+    """Return the records of the joints: the same ones each time, so that their laws are kept."""
+    if record not in _JOINTS:
+        _JOINTS[record] = tuple(record.joint(j) for j in range(record.n_joints))
+    return _JOINTS[record]
+
+
+_JOINTS: WeakKeyDictionary[Record, tuple[Record, ...]] = WeakKeyDictionary()
 
 
 def _initial(initial: Any, j: int) -> Any:
