@@ -130,6 +130,17 @@ def test_a_drive_gain_over_position_is_described_and_not_named():
     assert "gain" in gap.discrepancy.over and "load times position or speed" in gap.summary()
 
 
+@pytest.mark.parametrize("force", [3.0, 6.0])
+def test_a_law_of_the_drive_is_described_and_not_named(force):
+    """A dead zone looks like regularised friction where the drive turns with the velocity."""
+    loop = iv.axes.emps().with_effect("dead-zone", force=force)
+    one, two = record(16, loop), record(17, loop)
+    gap = iv.diagnose(one, iv.axes.emps(), two, without=("dead-zone",))
+    assert gap.effects == () and gap.verdict == "unexplained"
+    assert gap.discrepancy.over[0] == "drive" and "the force of the drive" in gap.summary()
+    assert iv.diagnose(one, iv.axes.emps(), two).effects == ("dead-zone",)
+
+
 def moved_by(seed, force_of):
     """Return a record with a force of the run without it; N of its velocity, acceleration, step."""
     loop, plain = iv.axes.emps(), record(seed)

@@ -25,6 +25,7 @@ from ..library import library
 from ..rules import (
     CLEAN,
     DISCREPANCY_T,
+    ENOUGH,
     LIKELY,
     MORE,
     STANDARD_ERRORS,
@@ -222,7 +223,7 @@ def attribute(
         if cost(group[-1].held) < CLEAN:  # at the floor: nothing is left to have a name
             break
     ends = [group[-1] for group in best]
-    left = bool(ends) and cost(ends[-1].held) >= min(CLEAN, MORE * lawless(base))  # to describe
+    left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
     models = [common(fits) for fits in (base, *(t.held for t in ends))] if left else []
     laws = next(filter(None, map(Laws.of, models[::-1])), None)
     seen = bool(best) and best[0][0].name == rounds[0].measured
@@ -423,6 +424,15 @@ def _backward(
         if loss < SUPERFLUOUS * gap:
             named, fits, held = [n for n in named if n != name], fewer, judged
     return named, fits, held
+
+
+def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:
+    """Whether names leave so much that a force without one may explain more.
+
+    Much for the noise, or for a gap that is small.
+    """
+    rest, floor = cost(held), lawless(base)
+    return rest >= min(CLEAN, MORE * floor) or rest - floor > (1.0 - ENOUGH) * (cost(base) - 1.0)
 
 
 def _effects(fits: Sequence[Fit]) -> set[str]:

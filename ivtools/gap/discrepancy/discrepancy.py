@@ -34,6 +34,7 @@ _NAMES = {
     "q": "position",
     "dq": "speed",
     "load": "load",
+    "drive": "the force of the drive",
     "state": "position and speed together",
     "gain": "load times position or speed",
     "past": "the motion before",
@@ -429,8 +430,9 @@ def _curve(
 ) -> tuple[tuple[float, float, float], ...]:
     """Return the mean force at the knots of one signal, forwards and backwards."""
     by_place = name in ("q", "state", "gain", "wave")
-    name = "q" if by_place else "load" if name == "load" else "dq"
+    name = "q" if by_place else name if name in ("load", "drive") else "dq"
     kinds = dict(zip(("q", "dq", "load"), signals(runs), strict=True))
+    kinds["drive"] = kinds["load"]
     x = np.concatenate([s[:, 0] for s in kinds[name]])
     hats = basis.hats(name, x if name == "q" else np.abs(x))
     ahead = np.concatenate([r.dq[:, 0] for r in runs]) > 0.0

@@ -35,11 +35,12 @@ from ..rules import (
 
 Array = NDArray[np.float64]
 
-#: What a force may depend on: "state" is position and speed together, "gain" load times position
-#: or speed, "past" the motion before, "heat" friction by how much moved before, "warm" the same
-#: where it had moved before the record as well, "wave" friction that is periodic over position,
-#: "swing" what a load does that hangs from the axis.
-OVER = ("q", "dq", "load", "state", "gain", "past", "heat", "warm", "wave", "swing")
+#: What a force may depend on: "drive" is the force of the drive itself, whatever the direction of
+#: motion, "state" position and speed together, "gain" load times position or speed, "past" the
+#: motion before, "heat" friction by how much moved before, "warm" the same where it had moved
+#: before the record as well, "wave" friction that is periodic over position, "swing" what a load
+#: does that hangs from the axis.
+OVER = ("q", "dq", "load", "drive", "state", "gain", "past", "heat", "warm", "wave", "swing")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +50,8 @@ class Basis:
     Parameters
     ----------
     knots : mapping
-        Of each signal, common to both folds: ``"q"``, ``"dq"``, ``"load"``, and coarser ones,
-        ``"where"`` and ``"how fast"``, of position and speed together.
+        Of each signal, common to both folds: ``"q"``, ``"dq"``, ``"load"``, ``"drive"``, and
+        coarser ones, ``"where"`` and ``"how fast"``, of position and speed together.
     periods : tuple of float
         Of waves over position, m or rad.
     swings : tuple of Swing
@@ -73,12 +74,14 @@ class Basis:
         """
         q, dq, tau = (np.concatenate([s[:, 0] for s in kind]) for kind in signals(runs))
         speed = np.quantile(np.abs(dq), np.linspace(0.02, 1.0, SPEED_KNOTS))
+        drive = np.quantile(np.abs(tau), np.linspace(0.02, 1.0, SPEED_KNOTS))
         where, fast = COARSE_KNOTS
         return cls(
             {
                 "q": np.linspace(q.min(), q.max(), _knots(float(np.ptp(q)), spacing)),
                 "dq": np.unique(speed),
                 "load": np.linspace(0.0, float(np.max(np.abs(tau))), 4)[1:],
+                "drive": np.unique(drive),
                 "where": np.linspace(q.min(), q.max(), where),
                 "how fast": np.linspace(0.0, float(np.max(np.abs(dq))), fast),
             }
@@ -103,6 +106,7 @@ class Basis:
         q, dq, tau = (s[0][:, 0] for s in signals([run]))
         sign, dt = np.sign(dq), float(run.t[1] - run.t[0])
         found = {n: self.over(n, run) for n in ("q", "dq", "load")}
+        found["drive"] = self.hats("drive", np.abs(tau)) * np.sign(tau)[:, None]
         where, fast = self.hats("where", q), self.hats("how fast", np.abs(dq))
         both = (where[:, :, None] * fast[:, None, :]).reshape(len(q), -1)
         found["state"] = np.hstack([both, both * sign[:, None]])
@@ -164,6 +168,8 @@ class Basis:
 
         if name in ("q", "dq", "load"):
             return np.asarray(linalg.block_diag(curved(name), curved(name)))
+        if name == "drive":
+            return curved("drive")
         if name == "gain":
             return np.asarray(linalg.block_diag(curved("where"), curved("how fast")))
         if name == "state":
