@@ -16,7 +16,7 @@ from ..loop import ClosedLoop
 from ..physics import Term
 from .discrepancy import a_line, other_waves, unlike_smooth
 from .fit import Fit, common, gauss_newton, steps
-from .fold import Fold, Side, block_t
+from .fold import Fold, Side, block_t, settling
 from .library import Box, Scales, alternatives
 from .rules import (
     CROWD,
@@ -25,6 +25,7 @@ from .rules import (
     GENERATIONS,
     HOPELESS,
     MUTATION,
+    NARROW,
     OTHER_WAVE_T,
     RECOMBINATION,
     RETUNED,
@@ -268,7 +269,8 @@ def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
     """Return the better of a fit that goes on, and one that starts with the other fold's effect.
 
     A nuisance between its bounds, which the search chose of a few values, is fitted as well: what
-    it should have been would be in all others.
+    it should have been would be in all others. Contacts are rough: differences that are wide enough
+    to look across what is rough lose sight of the bottom, so the last steps take narrow ones.
     """
     step = steps(side.fold, own.loop, side.scales)
     from_other = {**own.values, **{n: other.values[n] for n in term.names}}
@@ -279,7 +281,9 @@ def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
         gauss_newton(side.fold, own.loop, start, free, step, VALLEY_STEPS)
         for start in (own.values, from_other)
     )
-    return min(both, key=lambda f: f.cost)
+    best = min(both, key=lambda f: f.cost)
+    narrow = {n: step[n] * NARROW if n in term.names else step[n] for n in step}
+    return gauss_newton(side.fold, own.loop, best.values, free, narrow, VALLEY_STEPS)
 
 
 def frozen(sides: tuple[Side, ...], fits: tuple[Fit, ...]) -> tuple[Fit, ...]:
@@ -481,9 +485,10 @@ def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
 
     That of no point is what there is without the effect.
     """
-    rows = _worst(fold, fit.e)
+    rows, settled = _worst(fold, fit.e)
     part = fold.stretch(rows.start, rows.stop)
-    J = fit.J[np.sum(fold.keep[: rows.start]) :][: part.n_kept]
+    part = part.only(np.arange(rows.start, rows.stop) >= settled, fold.label)
+    J = fit.J[np.sum(fold.keep[:settled]) :][: part.n_kept]
     Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0]
     loop = fit.loop.with_effect(term)
     base = loop.values(_beginning(fit, term))
@@ -499,11 +504,17 @@ def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
     return cost
 
 
-def _worst(fold: Fold, e: Array) -> slice:
-    """Return the stretch of the record with the largest energy of the error."""
-    n = min(round(VALLEY_TIME / fold.record.dt), VALLEY_SAMPLES, fold.record.n_samples)
-    energy = np.zeros(fold.record.n_samples + 1)
+def _worst(fold: Fold, e: Array) -> tuple[slice, int]:
+    """Return the stretch of the record with the largest energy of the error, and where it counts.
+
+    Where it starts, the axis may be in the midst of a jerk, and the simulation knows its state by
+    derivatives only: so its first samples are not judged, as those of a record are not.
+    """
+    count = fold.record.n_samples
+    n = min(round(VALLEY_TIME / fold.record.dt), VALLEY_SAMPLES, count)
+    lead = min(settling(fold.record), n // 2)
+    energy = np.zeros(count + 1)
     energy[1:][fold.keep] = e**2
     energy = np.cumsum(energy)
-    start = int(np.argmax(energy[n:] - energy[:-n]))
-    return slice(start, start + n)
+    start = int(np.argmax(energy[n:] - energy[lead : lead + count - n + 1]))
+    return slice(start, start + n), start + lead

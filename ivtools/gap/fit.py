@@ -138,10 +138,13 @@ def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:
         }
         for i, name in enumerate(term.names):
             p = term.parameters[i]
-            size = abs(shape[p.name]) or scales.natural(term, i, shape)
+            size = 0.0 if p.linear else abs(shape[p.name])
+            size = size or scales.natural(term, i, shape)
             if term.search == "lines" and not p.linear:  # what turns the phase along the stroke
                 size *= min(size / scales.sizes["stroke"], 1.0)
-            out[name] = STEP * (scales.natural(term, i, shape) if p.linear else size)
+            if term.search == "lines" and p.linear and term.law is None:
+                size = shape["period"] / (2.0 * np.pi)  # a larger wave would fold the encoder over
+            out[name] = STEP * size
     return out
 
 

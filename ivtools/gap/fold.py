@@ -319,12 +319,16 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
     the axis is stuck wherever friction caught it and the command says little about the model.
     """
     keep = np.ones(record.n_samples, dtype=bool)
-    seconds = TRANSIENT if record.load is None else LINKED_TRANSIENT
-    keep[: round(seconds / record.dt)] = False
+    keep[: settling(record)] = False
     own = loop.command(record)[:, 0]
     own = own - record.added[:, 0] if record.added is not None else own
     keep &= ~_dilate(np.abs(own) >= AT_LIMIT * loop.controller.limit, round(NEAR_LIMIT / record.dt))
     return keep & ~_standing(record)
+
+
+def settling(record: Record) -> int:
+    """Return the samples after the start in which the initial state still shows."""
+    return round((TRANSIENT if record.load is None else LINKED_TRANSIENT) / record.dt)
 
 
 def _standing(record: Record) -> Mask:

@@ -257,6 +257,8 @@ SHORTER = (1.0, 0.3, 0.05)
 MOST_SCANS = 400
 #: Jacobians that follow a narrow valley (training).
 VALLEY_STEPS = 24
+#: Finite differences at the bottom of one, of those on the way there (training).
+NARROW = 0.1
 #: Share of the energy that a valley may leave to be worth following (training).
 VALLEY_DEPTH = 0.9
 #: Seconds of each fold that the search for a valley looks at (training: cost against success).
