@@ -9,8 +9,10 @@ import ivtools as iv
 from benchmarks import moves
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
-from ivtools.gap import candidate, parity
+from ivtools.gap import candidate, fit, parity
 from ivtools.gap.attribute import attribute, selection
+from ivtools.gap.diagnose import Task as Asked
+from ivtools.gap.diagnose import begin
 from ivtools.gap.floor import folds, measure, prepared
 from ivtools.gap.floor.floor import _refit
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
@@ -278,6 +280,63 @@ def test_an_encoder_that_was_homed_anew_is_still_eccentric():
     gap = iv.diagnose(records[0], iv.axes.emps(), records[1])
     assert gap.effects == ("encoder-eccentricity",)
     assert gap.shrink.closed > 0.85
+
+
+def drawn(effect, seed):
+    """Return the loop and the two records of a case with one effect."""
+    case = draw(Task("single", seed, (effect,)))
+    return from_tables(case.axis.tables()), *(iv.Record.from_dict(r) for r in case.records), case
+
+
+@pytest.mark.parametrize("seed", [5101, 5104, 5108])
+def test_the_steps_of_an_encoder_are_as_small_as_its_period_asks(seed):
+    """A tenth of them gives the same derivatives: its waves are far shorter than the stroke."""
+    loop, one, two, case = drawn("encoder-eccentricity", seed)
+    true = case.label["parameters"]["encoder-eccentricity"]
+    period = true["enc_p"] * case.axis.length
+    wave = {"cosine": true["enc_a"] * case.axis.length, "sine": 0.0, "period": period}
+    m = begin(Asked(one, loop, two)).measured[0]
+    full = m.base.loop.with_effect("encoder-eccentricity", **wave)
+    values, names = full.values(m.base.values), ["encoder-eccentricity." + n for n in wave]
+    step = fit.steps(m.fold, full, m.side.scales)
+    motion = m.fold.simulate(full, values)
+    e = m.fold.judged(full, motion)
+    wide, narrow = (
+        fit.jacobian(m.fold, full, values, names, {n: k * step[n] for n in names}, motion, e)
+        for k in (1.0, 0.1)
+    )
+    assert np.all(np.linalg.norm(wide - narrow, axis=0) < 0.1 * np.linalg.norm(narrow, axis=0))
+
+
+@pytest.mark.parametrize(
+    ("effect", "seed"),
+    [
+        ("encoder-eccentricity", 5101),  # its phase is another one in each record
+        ("encoder-eccentricity", 5104),
+        ("backlash", 5109),  # the last steps into the valley are narrow
+        ("flexibility", 5113),  # it stands out, in the midst of which the search began
+        ("flexibility", 5108),
+    ],
+)
+def test_what_is_named_leaves_the_noise_on_the_other_record(effect, seed):
+    loop, one, two, _ = drawn(effect, seed)
+    gap = iv.diagnose(one, loop, two)
+    assert gap.effects == (effect,)
+    assert gap.chi[1] < 1.05
+
+
+@pytest.mark.parametrize(
+    ("effect", "seed"), [("flexibility", 5113), ("backlash", 5103), ("backlash", 5105)]
+)
+def test_a_search_judges_no_start_of_a_stretch(effect, seed):
+    """The stretch that is searched is as wrong as the whole record is there, not more."""
+    loop, one, two, _ = drawn(effect, seed)
+    for m in begin(Asked(one, loop, two)).measured:
+        rows, settled = candidate._worst(m.fold, m.base.e)
+        whole = np.zeros(len(m.fold.keep))
+        whole[m.fold.keep] = m.base.e
+        there = np.mean(whole[settled : rows.stop][m.fold.keep[settled : rows.stop]] ** 2)
+        assert candidate._cost(m.fold, m.base, EFFECTS[effect])(None) < 1.05 * there
 
 
 def test_a_line_comes_at_least_twice():

@@ -138,12 +138,14 @@ def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:
         }
         for i, name in enumerate(term.names):
             p = term.parameters[i]
-            size = 0.0 if p.linear else abs(shape[p.name])
-            size = size or scales.natural(term, i, shape)
-            if term.search == "lines" and not p.linear:  # what turns the phase along the stroke
-                size *= min(size / scales.sizes["stroke"], 1.0)
-            if term.search == "lines" and p.linear and term.law is None:
-                size = shape["period"] / (2.0 * np.pi)  # a larger wave would fold the encoder over
+            size = scales.natural(term, i, shape)
+            if not p.linear:
+                size = abs(shape[p.name]) or size
+            if term.search == "lines":
+                if not p.linear:  # what turns the phase along the stroke
+                    size *= min(size / scales.sizes["stroke"], 1.0)
+                elif term.law is None:  # a larger wave folds the encoder over
+                    size = shape["period"] / (2.0 * np.pi)
             out[name] = STEP * size
     return out
 

@@ -343,7 +343,8 @@ def alone(
     places, ddqs, loose = motion.q.copy(), motion.ddq.copy(), []
     for name, diagnosis in (soft or {}).items():
         i = loop.joints.index(name)
-        its = alone(i, record, fit)
+        ours = (n for n in loop.joint_values(i, values) if n not in diagnosis.theta)
+        its = alone(i, record, fit, [n.partition(".")[0] for n in ours])  # not what it lost again
         rows = slice(0, its.record.n_samples)
         link = follow(diagnosis, its, motion.dq[rows, i], ddqs[rows, i])
         places[rows, i], ddqs[rows, i] = link.q, link.ddq
