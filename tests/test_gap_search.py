@@ -325,6 +325,14 @@ def test_what_is_named_leaves_the_noise_on_the_other_record(effect, seed):
     assert gap.chi[1] < 1.05
 
 
+def test_a_large_gap_is_searched_again_with_more_points():
+    """None of the first ones is in its valley."""
+    loop, one, two, _ = drawn("backlash", 5207)
+    gap = iv.diagnose(one, loop, two)
+    assert gap.effects == ("backlash",)
+    assert gap.chi[1] < 0.25 * gap.chi[0]
+
+
 @pytest.mark.parametrize(
     ("effect", "seed"), [("flexibility", 5113), ("backlash", 5103), ("backlash", 5105)]
 )

@@ -24,11 +24,13 @@ from .rules import (
     FIRST_CROWD,
     GENERATIONS,
     HOPELESS,
+    LARGE,
     MUTATION,
     NARROW,
     OTHER_WAVE_T,
     RECOMBINATION,
     RETUNED,
+    SECOND_CROWD,
     UNLIKE_SMOOTH,
     VALLEY_DEPTH,
     VALLEY_SAMPLES,
@@ -407,19 +409,24 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list
     plain, known = sum(rigid), dict(sides[0].places.get(term.name, {}))
     if known and sum(c(known) for c in costs) < HOPELESS * plain:
         return [known]
-    found = [_evolved(costs, plain, box) for box in Box.of(term, sides[0].scales)]
-    cost, best = min(found, key=lambda pair: pair[0])
+    boxes, cost, best = Box.of(term, sides[0].scales), np.inf, Point()
+    large = plain > LARGE * len(sides)
+    for crowd in (FIRST_CROWD, SECOND_CROWD)[: 1 + large]:  # a valley may lie between few points
+        if cost > HOPELESS * plain:
+            found = (_evolved(costs, plain, box, crowd) for box in boxes)
+            cost, best = min(found, key=lambda pair: pair[0])
     return [best] if cost <= plain else []
 
 
 def _evolved(
-    costs: Sequence[Callable[[Point | None], float]], plain: float, box: Box
+    costs: Sequence[Callable[[Point | None], float]], plain: float, box: Box, crowd: int
 ) -> tuple[float, Point]:
     """Return the least cost in a box, of all folds together, and where it is.
 
-    It begins with the best of the points that fill the box, and ends early where that is nothing
-    better than no effect at all. A point that costs more on one fold than any that the search
-    keeps is not tried on the other, which can only add to it.
+    It begins with the best of the points that fill the box, two to the power of its dimensions and
+    `crowd`, and ends early where that is nothing better than no effect at all. A point that costs
+    more on one fold than any that the search keeps is not tried on the other, which can only add
+    to it.
     """
     most = [plain]
 
@@ -439,7 +446,7 @@ def _evolved(
         most[0] = float(np.max(intermediate_result.population_energies))
 
     with ThreadPoolExecutor(2) as pool:
-        drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(box.dimensions + FIRST_CROWD)
+        drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(box.dimensions + crowd)
         order = np.argsort(list(pool.map(cost, drawn)), kind="stable")
         found = differential_evolution(
             cost,

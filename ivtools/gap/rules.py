@@ -270,6 +270,9 @@ VALLEY_SAMPLES = 4000
 #: six dimensions, one is met at least; 9 springs, in four, are found as well as from four times as
 #: many).
 FIRST_CROWD = 2
+#: The same of a second search where the first finds nothing, and the whitened energy, over the
+#: stretches that are searched, from which there is one (training: a gap that 512 points miss).
+SECOND_CROWD, LARGE = 4, 4.0
 #: Power of two: points at which the search for what a drive delivers begins (numerics).
 DELIVERED_POINTS = 5
 #: Points per dimension, and generations, of differential evolution (training).
