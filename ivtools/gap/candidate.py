@@ -16,7 +16,7 @@ from ..loop import ClosedLoop
 from ..physics import Term
 from .discrepancy import a_line, other_waves, unlike_smooth
 from .fit import Fit, common, gauss_newton, steps
-from .fold import Fold, Side, block_t, settling
+from .fold import Fold, Side, block_t, settling, threaded
 from .library import Box, Scales, alternatives
 from .rules import (
     CROWD,
@@ -246,15 +246,15 @@ def attempt(
     begin = starts(sides, fits, scores)
     if not all(begin):
         return None
-    new = tuple(_extended(s, f, term, b) for s, f, b in zip(sides, fits, begin, strict=True))
+    new = tuple(threaded(lambda s, f, b: _extended(s, f, term, b), sides, fits, begin))
     deep = any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True))
     if term.search == "valleys" and deep:  # either side may have come deeper
-        new = (_deeper(sides[0], term, *new), _deeper(sides[1], term, *new[::-1]))
+        new = tuple(threaded(lambda s, n, o: _deeper(s, term, n, o), sides, new, new[::-1]))
     held = frozen(sides, new)
     if any(
         h.cost < n.cost for n, h in zip(new, held, strict=True)
     ):  # stuck: the other knows better
-        new = tuple(_onwards(s, n, h) for s, n, h in zip(sides, new, held, strict=True))
+        new = tuple(threaded(_onwards, sides, new, held))
         held = frozen(sides, new)
     return Trial(term, new, held, before)
 
@@ -290,8 +290,7 @@ def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
 
 def frozen(sides: tuple[Side, ...], fits: tuple[Fit, ...]) -> tuple[Fit, ...]:
     """Tune the base parameters on each fold, with the effects that the other fold found."""
-    one, two = fits
-    return (_retuned(sides[0], two, one), _retuned(sides[1], one, two))
+    return tuple(threaded(_retuned, sides, fits[::-1], fits))
 
 
 def _retuned(side: Side, fit: Fit, own: Fit) -> Fit:

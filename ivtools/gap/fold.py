@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from threading import local
 from typing import Any, TypeVar
 
 import numpy as np
@@ -231,12 +232,17 @@ class Fold:
     def heard(self) -> Response:
         """Of the whitened error to a force."""
         assert self.response is not None
-        impulse = np.convolve(self.response.impulse, self.whitener)
+        impulse = -np.convolve(self.response.impulse, self.whitener)
         return Response(impulse, self.record.n_samples)
 
     def answers(self, forces: Array) -> Array:
         """Return the change of the whitened error by forces in the columns, (n_kept, m)."""
-        return self._discounted(-self.heard(forces).T[:, self.keep].T)
+        return self._discounted(self.heard(forces, self._kept))
+
+    @cached_property
+    def _kept(self) -> NDArray[np.int_]:
+        """Indices of the samples that count, (n_kept,)."""
+        return np.flatnonzero(self.keep)
 
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""
@@ -288,8 +294,14 @@ class Fold:
         return replace(self, record=part, keep=self.keep[rows], place=place, both=None)
 
 
+#: Whether a thread does a part of something already.
+_WORKING = local()
+
+
 def threaded(f: Callable[..., T], *items: Iterable[Any]) -> list[T]:
     """Return what a function gives for each fold, or each effect, on two threads.
+
+    What such a part is made of is done in its own thread: two are all there are.
 
     Parameters
     ----------
@@ -297,8 +309,16 @@ def threaded(f: Callable[..., T], *items: Iterable[Any]) -> list[T]:
     items : iterables
         Its arguments.
     """
+    tasks = list(zip(*items, strict=False))
+    if len(tasks) < 2 or getattr(_WORKING, "yes", False):
+        return [f(*task) for task in tasks]
+
+    def part(task: tuple[Any, ...]) -> T:
+        _WORKING.yes = True
+        return f(*task)
+
     with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(f, *items))
+        return list(pool.map(part, tasks))
 
 
 def block_t(sums: Array) -> float:

@@ -24,6 +24,9 @@ from .rules import AFTER_REVERSAL, RESPONSE_TIME, SPEED_KNOTS
 
 Array = NDArray[np.float64]
 
+#: Signals that are filtered at a time: more do not stay near the processor.
+AT_ONCE = 16
+
 
 @dataclass(frozen=True, eq=False)
 class Response:
@@ -45,11 +48,25 @@ class Response:
         size = fft.next_fast_len(self.n + len(self.impulse), real=True)
         return size, fft.rfft(self.impulse, size)
 
-    def __call__(self, force: Array) -> Array:
-        """Return the command, N or N m, that answers forces in the columns, (n_samples, ...)."""
+    def __call__(self, force: Array, at: NDArray[np.int_] | None = None) -> Array:
+        """Return the command, N or N m, that answers forces in the columns, (n_samples, ...).
+
+        Parameters
+        ----------
+        force : ndarray, (n_samples, ...)
+        at : ndarray of int, (n,), optional
+            Samples at which it is wanted.
+        """
         size, spectrum = self._spectrum
-        rows = np.ascontiguousarray(force.T)  # strided columns take twice as long
-        return fft.irfft(fft.rfft(rows, size) * spectrum, size)[..., : self.n].T
+        rows = np.ascontiguousarray(force.T).reshape(-1, len(force))  # strided: twice as long
+        out = np.empty((len(rows), self.n if at is None else len(at)))
+        for first in range(0, len(rows), AT_ONCE):
+            part = slice(first, first + AT_ONCE)
+            both = fft.rfft(rows[part], size)
+            both *= spectrum
+            answers = fft.irfft(both, size, overwrite_x=True)[:, : self.n]
+            out[part] = answers if at is None else answers[:, at]
+        return out.reshape(*force.T.shape[:-1], out.shape[1]).T
 
     def adjoint(self, signal: Array) -> Array:
         """Return the correlation of a signal with the response to a force at every sample."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from .terms import Parameter, Term
 from .transmission import PERIOD
+from .waves import wave
 
 TORQUE_RIPPLE = Term(
     "torque-ripple",
@@ -17,9 +18,7 @@ TORQUE_RIPPLE = Term(
     ),
     "tau (1 + a cos(2 pi q/p) + b sin(2 pi q/p))",
     "Holtz, Springob, IEEE Trans. Industrial Electronics 43(2), 1996",
-    law=lambda q, dq, ddq, sign, tau, t, a, b, p: (
-        -tau * (a * np.cos(2.0 * np.pi * q / p) + b * np.sin(2.0 * np.pi * q / p))
-    ),
+    law=lambda q, dq, ddq, sign, tau, t, a, b, p: -tau * wave(q, a, b, p),
     search="lines",
     weight=lambda dq, tau: tau,
 )

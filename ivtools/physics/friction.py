@@ -62,6 +62,12 @@ ASYMMETRIC_VISCOUS = Term(
     slot="asymmetry",
 )
 
+
+def _stribeck(q, dq, ddq, sign, tau, t, fs, vs, n):
+    ratio = np.abs(dq / vs)
+    return fs * np.exp(-(ratio * ratio if n == 2.0 else ratio**n)) * sign  # a power takes longest
+
+
 STRIBECK = Term(
     "stribeck",
     "mechanics",
@@ -87,7 +93,7 @@ STRIBECK = Term(
     ),
     "Fs exp(-(dq/vs)^2) sign(dq); exponent: another power of |dq/vs|, 1 is Tustin's",
     _ARMSTRONG,
-    law=lambda q, dq, ddq, sign, tau, t, fs, vs, n: fs * np.exp(-(np.abs(dq / vs) ** n)) * sign,
+    law=_stribeck,
     everywhere=True,
 )
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..compiled import compiled
 from .terms import Parameter, Term
+from .waves import wave
 from .transmission import PERIOD
 
 
@@ -60,7 +61,7 @@ DISTURBANCE = Term(
 @compiled
 def encoder(q: float, a: float, b: float, period: float) -> float:
     """Return the position that an eccentric encoder reads, m or rad."""
-    return q + a * np.cos(2.0 * np.pi * q / period) + b * np.sin(2.0 * np.pi * q / period)
+    return q + wave(q, a, b, period)
 
 
 TERMS = (ENCODER_ECCENTRICITY, CONTROLLER_MISMATCH, DISTURBANCE)

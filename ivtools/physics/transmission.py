@@ -6,9 +6,11 @@ import numpy as np
 
 from ..compiled import compiled
 from .terms import Parameter, Term
+from .waves import wave
 
 _JANOT = "Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, 2019, equation 1"
 _SHARES = (0.1, 0.2, 0.35)
+_TURN = 2.0 * np.pi
 
 INERTIA = Term(
     "inertia",
@@ -37,7 +39,7 @@ GRAVITY = Term(
     "gs sin(q) + gc cos(q); an eccentric mass m at r, hanging down at q0, has gs = m g r cos(q0), "
     "gc = -m g r sin(q0)",
     "Khalil, Dombre, Modeling, Identification and Control of Robots, 2004, chapter 9",
-    law=lambda q, dq, ddq, sign, tau, t, gs, gc: gs * np.sin(q) + gc * np.cos(q),
+    law=lambda q, dq, ddq, sign, tau, t, gs, gc: wave(q, gc, gs, _TURN),
     joint="revolute",
 )
 
@@ -75,9 +77,7 @@ COGGING = Term(
     (Parameter("cosine", "{F}"), Parameter("sine", "{F}"), PERIOD),
     "a cos(2 pi q/p) + b sin(2 pi q/p)",
     "Holtz, Springob, IEEE Trans. Industrial Electronics 43(2), 1996",
-    law=lambda q, dq, ddq, sign, tau, t, a, b, p: (
-        a * np.cos(2.0 * np.pi * q / p) + b * np.sin(2.0 * np.pi * q / p)
-    ),
+    law=lambda q, dq, ddq, sign, tau, t, a, b, p: wave(q, a, b, p),
     search="lines",
 )
 

@@ -392,7 +392,7 @@ def _withdrawn(sides: tuple[Side, ...], result: Attribution) -> Attribution:
     doubtful = [n for n, proof in result.evidence.items() if probability(proof) < LIKELY]
     fits = result.fits
     for name in doubtful:
-        fits = tuple(_without(s, f, name) for s, f in zip(sides, fits, strict=True))
+        fits = tuple(threaded(_without, sides, fits, (name, name)))
     if not doubtful:
         return result
     named = tuple(n for n in result.named if n not in doubtful)
@@ -417,7 +417,7 @@ def _backward(
 ) -> tuple[list[str], tuple[Fit, ...], tuple[Fit, ...]]:
     """Drop effects that a later one made superfluous."""
     for name in list(named[:-1]):
-        fewer = tuple(_without(s, f, name) for s, f in zip(sides, fits, strict=True))
+        fewer = tuple(threaded(_without, sides, fits, (name, name)))
         judged = frozen(sides, fewer)
         loss = np.mean([j.cost - h.cost for j, h in zip(judged, held, strict=True)])
         gap = np.mean([b.cost - h.cost for b, h in zip(base, held, strict=True)])

@@ -127,7 +127,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     law = preflight.identified(task.record, task.loop)
     task, loop, note = _followed(task)
     record, records, law = task.record, task.records, [*law, *note, *parts]
-    checked = tuple(parity.check(one, loop) for one in records)
+    checked = tuple(threaded(parity.check, records, [loop] * len(records)))
     found = _inspected(records, loop, checked)
     if any(f.fatal for f in found):
         return refused(record, loop, checked, [*found, *law])
@@ -197,7 +197,7 @@ def _inspected(
     records: Sequence[Record], loop: ClosedLoop, checked: Sequence[Parity]
 ) -> list[Finding]:
     """Return what is wrong with the records, or worth a word, by the record's name."""
-    seen = [preflight.inspect(r, loop, p) for r, p in zip(records, checked, strict=True)]
+    seen = threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
     if len(records) == 1:
         return seen[0]
     named = [preflight.named(s, r) for s, r in zip(seen, records, strict=True)]

@@ -108,7 +108,7 @@ class Basis:
         found = {n: self.over(n, run) for n in ("q", "dq", "load")}
         found["drive"] = self.hats("drive", np.abs(tau)) * np.sign(tau)[:, None]
         where, fast = self.hats("where", q), self.hats("how fast", np.abs(dq))
-        both = (where[:, :, None] * fast[:, None, :]).reshape(len(q), -1)
+        both = (where.T[:, None] * fast.T).reshape(-1, len(q)).T
         found["state"] = np.hstack([both, both * sign[:, None]])
         load = tau / max(float(self.knots["load"][-1]), 1e-300)
         found["gain"] = np.hstack([where, fast]) * load[:, None]
@@ -259,6 +259,9 @@ class Columns:
 
 #: What smooth laws do to the error of a fit, as long as the fit is there.
 _IMITATIONS: WeakKeyDictionary[Fit, Columns] = WeakKeyDictionary()
+#: The same of the laws beside a line, with their knots: the last ones, for two effects may be one
+#: line.
+_BESIDE_LINES: WeakKeyDictionary[Fit, tuple[tuple[bytes, ...], Columns]] = WeakKeyDictionary()
 
 
 def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
@@ -269,14 +272,17 @@ def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
     before, after : sequence of Fit
         Without and with the effect, on each fold.
     """
-    kept = []
-    for b, a in zip(before, after, strict=True):
+
+
+    def kept(b: Fit, a: Fit) -> float:
+        """Return that of one fold."""
         if b not in _IMITATIONS:
             run = b.fold.simulate(b.loop, b.values)
             _IMITATIONS[b] = Columns(b, b.fold.answers(Basis.of([run]).additive(run)))
         pair = beside(b, np.column_stack([b.e - a.e, b.e]))
-        kept.append(_explained(_IMITATIONS[b].left(pair)) / max(_explained(pair), 1e-300))
-    return min(kept)
+        return _explained(_IMITATIONS[b].left(pair)) / max(_explained(pair), 1e-300)
+
+    return min(threaded(kept, before, after))
 
 
 def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
@@ -294,12 +300,22 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
     """
     runs = [f.fold.simulate(f.loop, f.values) for f in before]
     smooth, bumps = Basis.of(runs, period), Basis.of(runs, period / BUMPS)
+    finer = len(bumps.knots["q"]) > len(smooth.knots["q"])  # both have `MOST_KNOTS` at most
+    knots = tuple(k.tobytes() for k in (*smooth.knots.values(), bumps.knots["q"]))
+
+    def laws(b: Fit, run: Simulation) -> Columns:
+        """Return what both laws do to one fold."""
+        if (last := _BESIDE_LINES.get(b)) is not None and last[0] == knots:
+            return last[1]
+        forces = [smooth.additive(run), *([bumps.over("q", run)] if finer else [])]
+        columns = Columns(b, *(b.fold.answers(F) for F in forces))
+        _BESIDE_LINES[b] = knots, columns
+        return columns
 
     def share(b: Fit, a: Fit, run: Simulation) -> float:
         """Return that of one fold."""
-        forces = smooth.additive(run), bumps.over("q", run)
-        columns = Columns(b, *(b.fold.answers(F) for F in forces))
-        known, other = (F.shape[1] for F in forces)
+        columns = laws(b, run)
+        known, other = columns.shared.shape[1], columns.own.shape[1]
         pair = beside(b, np.column_stack([b.e - a.e, b.e, a.e]))
         beyond = columns.left(pair, known)
         line = _explained(beyond[:, :2])
