@@ -18,7 +18,7 @@ import numpy as np
 from ..compiled import compiled, inlined
 from ..physics.transmission import contact, contact_margin
 from .mechanics import derive, link_force, load_net, motor_net
-from .steps import glide, glided, one_mass, one_mass_step, phi, runge_kutta, two_masses
+from .steps import glide, glided, one_mass, one_mass_step, phi, runge_kutta, sum_up, two_masses
 
 _MAX_EVENTS = 8
 _INSIDE = np.inf  # margin of what cannot happen
@@ -34,16 +34,19 @@ class Pace(NamedTuple):
     first: float  # a lagging force as a straight line over a step: at its start, at its end,
     last: float
     decay: float  # and what remains of it for the next step
+    span: int  # of the two in a sample, before and after the drive's delay
 
 
 @compiled
-def _pace(span, dt, p, on):
-    steps = int(np.ceil(p["steps"] * span / dt - 1e-9))
-    h = span / max(steps, 1)
+def _pace(span, length, dt, p, on):
+    steps = int(np.ceil(p["steps"] * length / dt - 1e-9))
+    h = length / max(steps, 1)
     first = last = decay = 0.0
     if on["drive-timing"] and p["drive-timing.lag"] > 0.0:
         first, last, decay = lagging(h / p["drive-timing.lag"])
-    return Pace(steps, h, glide(1.0, h, p), glide(-1.0, h, p), first, last, decay)
+    if on["two"] and steps:
+        sum_up(span, h, p)
+    return Pace(steps, h, glide(1.0, h, p), glide(-1.0, h, p), first, last, decay, span)
 
 
 @compiled
@@ -71,7 +74,8 @@ def plan(dt, n, p, on):
     """Derive what the integrator needs; return the pace before and after the drive's delay."""
     derive(dt, n if on["effects"] else 1, p, on)  # a rigid axis is exact in one step
     first = drive_delay(dt, p, on)[1] * dt
-    return _pace(first, dt, p, on), _pace(dt - first, dt, p, on)
+    p["summed"] = 1
+    return _pace(0, first, dt, p, on), _pace(1, dt - first, dt, p, on)
 
 
 # --- modes: directions of motion, and the side of contact --------------------------------------
@@ -264,6 +268,14 @@ def _advance(x, tau, rise, t, pace, p, on, user):
         q, v, z, a = one_mass_step(x[0], x[1], x[4], s, h, tau, rise, t, glides, p, on, user)
         if v * s > 0.0:  # no reversal on the way
             return (q, v, 0.0, 0.0, z), a
+    if on["two"] and x[1] != 0.0 and x[3] != 0.0:
+        k, c, gap = p["k"], p["c"], p["gap"]
+        side = contact(x[0] - x[2], x[1] - x[3], k, c, gap) if gap > 0.0 else 1.0
+        mode = np.sign(x[1]), np.sign(x[3]), side
+        y, a = two_masses(x, mode, h, tau, rise, t, p, on, user, pace.span)
+        moves = y[1] * mode[0] > 0.0 and y[3] * mode[1] > 0.0  # nothing happens on the way
+        if moves and (gap <= 0.0 or contact_margin(y[0] - y[2], y[1] - y[3], side, k, c, gap) > 0):
+            return y, a
     return _through(x, h, tau, rise, t, p, on, user)
 
 

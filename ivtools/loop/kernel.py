@@ -148,7 +148,7 @@ def run(
     x, rigid, pace, shift = (q, v, q, v, 0.0), not on["effects"], planned[1], p["shift"]
     mean, single = p["load"], p["inertia"]
     if swing.size and on["two"]:
-        p["load"] = with_swing(mean, swing[0])
+        p["load"], p["summed"] = with_swing(mean, swing[0]), 0  # it varies
     if load.size and on["two"]:
         x = (q, v, held_link(q, v, a_start, load[0], p, on, user), v, 0.0)
     for k in range(samples):

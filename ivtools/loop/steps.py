@@ -140,19 +140,76 @@ def _swing(x, h, a1, a2, jerk, drag1, drag2, pull1, pull2, damp1, damp2, terms):
         q1, q2, v1, v2 = q1 + r1, q2 + r2, v1 + u1, v2 + u2
         late_q1, late_q2 = late_q1 + part * r1, late_q2 + part * r2
         late_v1, late_v2 = late_v1 + part * u1, late_v2 + part * u2
-        stretch, rate, g = r1 - r2, u1 - u2, h / n
+        stretch, g = r1 - r2, h / n
         r1, r2 = g * u1, g * u2
-        u1 = g * (jerk - pull1 * stretch - damp1 * rate - drag1 * u1)
-        u2 = g * (pull2 * stretch + damp2 * rate - drag2 * u2)
+        u1, u2 = (  # as sums of products, which wait for each other least
+            (g * jerk - g * pull1 * stretch) + (g * damp1 * u2 - g * (damp1 + drag1) * u1),
+            g * pull2 * stretch + (g * damp2 * u1 - g * (damp2 + drag2) * u2),
+        )
         part, jerk = part * _LATE, 0.0
     return (q1, v1, q2, v2, x[4]), (late_q1, late_v1, late_q2, late_v2)
 
 
+@inlined
+def _weights(s1, s2, p):
+    """Return by what a force moves motor and load, 1/kg or 1/(kg m2): nothing that stands."""
+    return 1.0 / p["motor"] if s1 != 0.0 else 0.0, 1.0 / p["load"] if s2 != 0.0 else 0.0
+
+
+@inlined
+def _vibration(x, h, a1, a2, jerk, mode, slopes, p):
+    """Sum the series of two masses in one mode, which friction slows by these slopes."""
+    w1, w2 = _weights(mode[0], mode[1], p)
+    k, c = (p["k"], p["c"]) if mode[2] != 0.0 else (0.0, 0.0)
+    drag1, drag2 = w1 * (1.0 - p["share"]) * slopes[0], w2 * p["share"] * slopes[1]
+    return _swing(
+        x, h, a1, a2, jerk, drag1, drag2, w1 * k, w2 * k, w1 * c, w2 * c, p["terms"]
+    )  # fmt: skip
+
+
 @compiled
-def two_masses(x, mode, h, tau, rise, t, p, on, user):
-    """Move two masses; also return the motor's acceleration at the start."""
+def sum_up(span, h, p):
+    """Sum the series of two masses over h in every mode, once for all steps of this length.
+
+    The series is linear in both velocities and accelerations and the motor's jerk at the start, so
+    it is a matrix of five columns: of the ways of both, what their velocities gain, and the same
+    late in the step.
+    """
+    x, slopes = np.zeros(5), (plain_line(-1.0, p)[1], plain_line(0.0, p)[1], plain_line(1.0, p)[1])
+    for i in range(3):
+        for j in range(3):
+            for touching in range(2):
+                mode = i - 1.0, j - 1.0, float(touching)
+                sums = p["sums"][span, i, j, touching]
+                for column in range(5):
+                    x[:] = 0.0
+                    x[column] = 1.0
+                    state = 0.0, x[0], 0.0, x[1], 0.0
+                    end, late = _vibration(
+                        state, h, x[2], x[3], x[4], mode, (slopes[i], slopes[j]), p
+                    )
+                    for row in range(4):
+                        sums[row, column] = end[row]
+                        sums[4 + row, column] = late[row]
+
+
+@inlined
+def _sum(row, sums, v1, v2, a1, a2, jerk):
+    """Return one of the sums that `sum_up` has prepared."""
+    return (
+        sums[row, 0] * v1 + sums[row, 1] * v2
+        + (sums[row, 2] * a1 + sums[row, 3] * a2) + sums[row, 4] * jerk
+    )  # fmt: skip
+
+
+@compiled
+def two_masses(x, mode, h, tau, rise, t, p, on, user, span=-1):
+    """Move two masses; also return the motor's acceleration at the start.
+
+    Over one of the `span` lengths for which the series is summed up, or any other.
+    """
     s1, s2, side = mode
-    w1, w2 = 1.0 / p["motor"] if s1 != 0.0 else 0.0, 1.0 / p["load"] if s2 != 0.0 else 0.0
+    w1, w2 = _weights(s1, s2, p)
     (level1, slope1), (level2, slope2) = plain_line(s1, p), plain_line(s2, p)
     own = 1.0 - p["share"]
     rod = bristle(x[0], x[1], x[4], h, tau, t, p, on, user)
@@ -160,21 +217,26 @@ def two_masses(x, mode, h, tau, rise, t, p, on, user):
     link = link_force(x, side, p)
     a1 = w1 * (tau - link - own * (level1 + slope1 * x[1]) - f1 - p["shift"])
     a2 = w2 * (link - p["share"] * (level2 + slope2 * x[3]) - f2 + p["shift"])
-    k, c = (p["k"], p["c"]) if side != 0.0 else (0.0, 0.0)
-    y, middle = _swing(
-        x,
-        h,
-        a1,
-        a2,
-        w1 * rise * h,
-        w1 * own * slope1,
-        w2 * p["share"] * slope2,
-        w1 * k,
-        w2 * k,
-        w1 * c,
-        w2 * c,
-        p["terms"],
-    )
+    jerk, middle = w1 * rise * h, (0.0, 0.0, 0.0, 0.0)
+    if span >= 0 and p["summed"]:
+        sums = p["sums"][span, int(s1) + 1, int(s2) + 1, 1 if side != 0.0 else 0]
+        v1, v2 = x[1], x[3]
+        y = (
+            x[0] + _sum(0, sums, v1, v2, a1, a2, jerk),
+            _sum(1, sums, v1, v2, a1, a2, jerk),
+            x[2] + _sum(2, sums, v1, v2, a1, a2, jerk),
+            _sum(3, sums, v1, v2, a1, a2, jerk),
+            x[4],
+        )
+        if on["beyond"]:
+            middle = (
+                x[0] + _sum(4, sums, v1, v2, a1, a2, jerk),
+                _sum(5, sums, v1, v2, a1, a2, jerk),
+                x[2] + _sum(6, sums, v1, v2, a1, a2, jerk),
+                _sum(7, sums, v1, v2, a1, a2, jerk),
+            )
+    else:
+        y, middle = _vibration(x, h, a1, a2, jerk, mode, (slope1, slope2), p)
     if not on["beyond"]:
         return y, a1
     later = _LATE * h

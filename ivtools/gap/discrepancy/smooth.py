@@ -273,7 +273,6 @@ def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
         Without and with the effect, on each fold.
     """
 
-
     def kept(b: Fit, a: Fit) -> float:
         """Return that of one fold."""
         if b not in _IMITATIONS:
