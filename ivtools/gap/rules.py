@@ -443,7 +443,8 @@ SINGULAR = 1e-12
 HEARD = 0.05
 #: Share of the gap below which an effect closes nothing by itself (training).
 NOTHING_ALONE = 0.02
-#: Share of the reducible gap whose names need no other answer to be compared with (training).
+#: Share of the reducible gap whose names need no other answer to be compared with, and beside which
+#: no second mass is looked for until what does it is named (training).
 ALL_CLOSED = 0.97
 #: Of the error before: what the corrected controller leaves, worth a line of its own (taste).
 CORRECTED = 0.98

@@ -26,9 +26,9 @@ OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user'
 # the position, and the force from outside in what is given as tau, which no drive transmits
 _DERIVED = ("motor", "load", "share", "shift", "k", "c", "gap", "bristle", "apart", "outside")
 _NAMES = (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN, *_DERIVED)
-# integration steps per sample, terms of the series of a vibration, and that series summed for each
-# mode of two masses (see `steps.sum_up`): before and after the drive's delay, by directions of motor
-# and load, apart or touching; whether these sums hold
+# integration steps per sample, terms of the series of a vibration, whether its sums hold: those of
+# `steps.sum_up` before and after the drive's delay, by directions of motor and load, and by whether
+# they touch
 _SUMS = ("sums", float, (2, 3, 3, 2, 8, 5))
 _COUNTS = (("steps", np.int64), ("terms", np.int64), ("summed", np.int64))
 PARAMETERS = np.dtype([*((n, float) for n in _NAMES), *_COUNTS, _SUMS])

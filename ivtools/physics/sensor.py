@@ -6,8 +6,8 @@ import numpy as np
 
 from ..compiled import compiled
 from .terms import Parameter, Term
-from .waves import wave
 from .transmission import PERIOD
+from .waves import wave
 
 
 def _accelerating(q, dt, inertia, period):

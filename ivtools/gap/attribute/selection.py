@@ -214,7 +214,8 @@ def attribute(
             group = tuple(r.best for r in more[-2:] if r.best is not None)
             local = elsewhere and any(t.term.local for t in group)
         if local:
-            sides = tuple(s.common for s in sides)
+            known = {name: at for r in rounds for name, at in r.valleys.items()}
+            sides = tuple(replace(s.common, places={**s.places, **known}) for s in sides)
             return attribute(sides, common(base), rules, extra, without)
         if not group:
             break

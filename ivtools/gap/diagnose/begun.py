@@ -14,7 +14,7 @@ from ...workers import one_blas_thread
 from .. import floor, parity, preflight, quantify
 from ..attribute import Attribution, attribute, cost, upheld
 from ..diagnosis import Diagnosis
-from ..fit import Fit, common, of_effect
+from ..fit import Fit, common
 from ..floor import Floor, Measured, Ready, folds, masked, measure, prepared
 from ..fold import Fold, Link, Side, threaded
 from ..parity import Parity
@@ -95,10 +95,8 @@ class Begun:
     def places(self) -> dict[str, dict[str, float]]:
         """Where the valleys of effects were found, if one of them got a name."""
         result = self.attributed[1]
-        tried = [t for t in result.trials if t.term.search == "valleys" and t.gain > 0.0]
-        if not any(t.name in result.named for t in tried):
-            return {}
-        return {t.name: of_effect(t.fits[0].values, t.name) for t in tried}
+        found = result.rounds[0].valleys if result.rounds else {}
+        return found if any(name in result.named for name in found) else {}
 
     @property
     def left(self) -> float:
