@@ -332,6 +332,13 @@ WEIGHTS = {
 #: Explained share of the gap from which nothing nameless is suspected (training, seeds 300 to 330,
 #: and 900 to 982 on MuJoCo; EMPS has 0.92).
 ENOUGH = 0.9
+#: Gain of another effect, relative to that of a name, from which the name is not the cause where a
+#: gap is left: what cannot be named resembles the cause more (training: seeds 6000 to 6042 of
+#: effects left out of the library, eight such names, all wrong; of some 300 true ones, of single
+#: effects, pairs and behind backgrounds, none).
+OUTDONE = 1.05
+#: Probability that such a name is right (theory: none of eight, and one more of each).
+UNLIKELY = 0.1
 #: Evenness from which a name that a force without one is worse without is not doubted (training:
 #: five true smooth names behind backgrounds 0.21 to 0.29, a false one 0.03).
 EVEN = 0.1

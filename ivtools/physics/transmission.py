@@ -10,6 +10,7 @@ from .waves import wave
 
 _JANOT = "Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, 2019, equation 1"
 _SHARES = (0.1, 0.2, 0.35)
+_A_MASS = 0.05  # of the inertia: what is lighter and has the friction on it is friction that yields
 _TURN = 2.0 * np.pi
 
 INERTIA = Term(
@@ -110,6 +111,7 @@ FLEXIBILITY = Term(
             neutral=0.2,
             scale="one",
             scan=_SHARES,
+            least=_A_MASS,
         ),
         Parameter(
             "load_friction",
@@ -148,6 +150,7 @@ BACKLASH = Term(
             neutral=0.2,
             scale="one",
             scan=(0.05, 0.15, 0.45),
+            least=_A_MASS,
         ),
         Parameter(
             "load_friction",

@@ -15,8 +15,10 @@ from ..rules import (
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     MOST_DISAGREEMENT,
+    OUTDONE,
     SUREST,
     UNLIKE_SMOOTH,
+    UNLIKELY,
     UNNAMED,
     WEIGHTS,
 )
@@ -61,6 +63,11 @@ class Evidence:
     unlike: float = 1.0
     evenness: float = 1.0
     needed: bool = True
+
+    @property
+    def outdone(self) -> bool:
+        """Whether an effect that cannot be named removes more, and much of the gap is left."""
+        return self.rival > OUTDONE and self.explained < ENOUGH
 
     def to_dict(self) -> dict[str, float | bool]:
         """Return the JSON of the evidence."""
@@ -138,6 +145,8 @@ def probability(proof: Evidence) -> float:
     >>> probability(strong) > 0.95 > 0.5 > probability(weak)
     True
     """
+    if proof.outdone:
+        return UNLIKELY
     z = WEIGHTS["constant"] + sum(WEIGHTS[n] * x for n, x in features(proof).items())
     return min(float(1.0 / (1.0 + np.exp(-z))), SUREST)
 
