@@ -10,6 +10,7 @@ from benchmarks import moves
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import candidate, fit, parity
+from ivtools.gap.candidate import starts
 from ivtools.gap.attribute import attribute, selection
 from ivtools.gap.diagnose import Task as Asked
 from ivtools.gap.diagnose import begin
@@ -114,8 +115,8 @@ def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatc
             calls[best] = calls.get(best, 0) + 1
             return 1.0 if point is None else best + abs(np.log(point["gap"] / 1e-4))
 
-        monkeypatch.setattr(candidate, "_cost", lambda *_, cost=cost: cost)
-        candidate._deepest((side, side), (None, None), EFFECTS["backlash"])
+        monkeypatch.setattr(starts, "_cost", lambda *_, cost=cost: cost)
+        starts._deepest((side, side), (None, None), EFFECTS["backlash"])
     assert 2 * 256 < calls[1.0] < 0.8 * calls[0.9]
 
 
@@ -129,9 +130,9 @@ def test_a_search_ends_in_a_valley_that_is_known(scales, monkeypatch):
             calls.append(point)
             return 1.0 if point is None else left
 
-        monkeypatch.setattr(candidate, "_cost", lambda *_, cost=cost: cost)
+        monkeypatch.setattr(starts, "_cost", lambda *_, cost=cost: cost)
         calls.clear()
-        found = candidate._deepest((side, side), (None, None), EFFECTS["backlash"])
+        found = starts._deepest((side, side), (None, None), EFFECTS["backlash"])
         assert (len(calls) > 4) == searched
         assert (found == [known]) != searched
 
@@ -340,11 +341,11 @@ def test_a_search_judges_no_start_of_a_stretch(effect, seed):
     """The stretch that is searched is as wrong as the whole record is there, not more."""
     loop, one, two, _ = drawn(effect, seed)
     for m in begin(Asked(one, loop, two)).measured:
-        rows, settled = candidate._worst(m.fold, m.base.e)
+        rows, settled = starts._worst(m.fold, m.base.e)
         whole = np.zeros(len(m.fold.keep))
         whole[m.fold.keep] = m.base.e
         there = np.mean(whole[settled : rows.stop][m.fold.keep[settled : rows.stop]] ** 2)
-        assert candidate._cost(m.fold, m.base, EFFECTS[effect])(None) < 1.05 * there
+        assert starts._cost(m.fold, m.base, EFFECTS[effect])(None) < 1.05 * there
 
 
 def test_a_line_comes_at_least_twice():

@@ -22,7 +22,7 @@ from .. import response
 from ..diagnose import Begun, Task, begin, finish
 from ..diagnosis import Diagnosis
 from ..fit import of_effect
-from ..fold import Doubt, Link
+from ..fold import Doubt, Link, threaded
 from ..rules import FAINT, POSES, ROUNDS, SMALL_SWING, SWING_IN, SWUNG
 from ..verdict import lowers
 from .behind import TWO_MASSES, Alone, follow
@@ -80,14 +80,13 @@ def diagnose_robot(
     say("identifying the robot")
     plain, notes = identified(record, loop)
     records = [one for one in (record, holdout) if one is not None]
-    loads = rigid = _Loads(plain, {one: measure(plain, one) for one in records})
-    wanted = every = [_Joint(j, loop.joints[j], rigid, settings) for j in numbers]
+    loads = rigid = _Loads.of(plain, records, [None] * len(records))
+    wanted = every = threaded(lambda j: _Joint(j, loop.joints[j], rigid, settings), numbers)
     named: dict[str, Diagnosis] = {}
     better = plain
     for again in range(ROUNDS):
         if better is not plain:
-            told = {one: measure(better, one, loads.told[one]) for one in records}
-            loads = _Loads(better, told)
+            loads = _Loads.of(better, records, [loads.told[one] for one in records])
         soft: dict[str, Diagnosis] = {}
         for one in sorted(wanted, key=lambda one: -one.turn):
             say(f"joint {one.name}" + (", beside the other joints' effects" if again else ""))
@@ -123,6 +122,14 @@ class _Loads(NamedTuple):
 
     fit: FitResults
     told: Mapping[Record, Links | None]
+
+    @classmethod
+    def of(
+        cls, fit: FitResults, records: Sequence[Record], before: Sequence[Links | None]
+    ) -> _Loads:
+        """Return those of a fit; what another fit told of each record spares some of the work."""
+        told = threaded(lambda one, known: measure(fit, one, known), records, before)
+        return cls(fit, dict(zip(records, told, strict=True)))
 
 
 class _Joint:

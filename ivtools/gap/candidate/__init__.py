@@ -1,0 +1,11 @@
+"""Candidate: one effect in the model, fitted on one fold and judged on the other.
+
+starts      from which values it is fitted
+attempt     the fits on each fold, and on the other one with its values frozen
+trial       what they tell
+"""
+
+from .attempt import attempt, frozen, phases
+from .trial import Trial
+
+__all__ = ["Trial", "attempt", "frozen", "phases"]

@@ -1,0 +1,121 @@
+"""Attempt: an effect is fitted on each fold, and its values judge on the other one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ...loop import ClosedLoop
+from ...physics import Term
+from ..fit import Fit, common, gauss_newton, steps
+from ..fold import Side, threaded
+from ..rules import NARROW, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
+from ..screen import Score
+from .starts import Point, beginning, starts
+from .trial import Trial
+
+
+def attempt(
+    sides: tuple[Side, ...], fits: tuple[Fit, ...], before: tuple[Fit, ...], scores: list[Score]
+) -> Trial | None:
+    """Fit an effect on each fold, and judge it on the other; None if there is nothing to fit.
+
+    One that depends on the position is fitted and judged where both folds have been.
+    """
+    term = scores[0].term
+    if term.local:
+        sides = tuple(s.common for s in sides)
+        fits, before = common(fits), common(before)
+    begin = starts(sides, fits, scores)
+    if not all(begin):
+        return None
+    new = tuple(threaded(lambda s, f, b: _extended(s, f, term, b), sides, fits, begin))
+    deep = any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True))
+    if term.search == "valleys" and deep:  # either side may have come deeper
+        new = tuple(threaded(lambda s, n, o: _deeper(s, term, n, o), sides, new, new[::-1]))
+    held = frozen(sides, new)
+    if any(
+        h.cost < n.cost for n, h in zip(new, held, strict=True)
+    ):  # stuck: the other knows better
+        new = tuple(threaded(_onwards, sides, new, held))
+        held = frozen(sides, new)
+    return Trial(term, new, held, before)
+
+
+def _onwards(side: Side, own: Fit, held: Fit) -> Fit:
+    """Return a fit, or the one that goes on from the other fold's effect where that is better."""
+    if own.cost <= held.cost:
+        return own
+    step = steps(side.fold, own.loop, side.scales)
+    return gauss_newton(side.fold, own.loop, held.values, own.free, step)
+
+
+def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
+    """Return the better of a fit that goes on, and one that starts with the other fold's effect.
+
+    A nuisance between its bounds, which the search chose of a few values, is fitted as well: what
+    it should have been would be in all others. Contacts are rough: differences that are wide enough
+    to look across what is rough lose sight of the bottom, so the last steps take narrow ones.
+    """
+    step = steps(side.fold, own.loop, side.scales)
+    from_other = {**own.values, **{n: other.values[n] for n in term.names}}
+    pairs = zip(term.names, term.parameters, strict=True)
+    loose = (n for n, p in pairs if p.nuisance and p.lower < own.values[n] < p.upper)
+    free = [*own.free, *loose]
+    both = (
+        gauss_newton(side.fold, own.loop, start, free, step, VALLEY_STEPS)
+        for start in (own.values, from_other)
+    )
+    best = min(both, key=lambda f: f.cost)
+    narrow = {n: step[n] * NARROW if n in term.names else step[n] for n in step}
+    return gauss_newton(side.fold, own.loop, best.values, free, narrow, VALLEY_STEPS)
+
+
+def frozen(sides: tuple[Side, ...], fits: tuple[Fit, ...]) -> tuple[Fit, ...]:
+    """Tune the base parameters on each fold, with the effects that the other fold found."""
+    return tuple(threaded(_retuned, sides, fits[::-1], fits))
+
+
+def _retuned(side: Side, fit: Fit, own: Fit) -> Fit:
+    turned = phases(fit.loop)
+    base = side.scales.loop.parameters  # as declared, its own effects with it
+    free = [n for n in fit.free if n in base or n in turned]
+    start = {**fit.values, **{n: own.values[n] for n in turned}}
+    step = steps(side.fold, fit.loop, side.scales)
+    return gauss_newton(side.fold, fit.loop, start, free, step, RETUNED)
+
+
+def phases(loop: ClosedLoop) -> set[str]:
+    """Return the parameters that are a matter of each record: an encoder is homed anew."""
+    lines = (t for t in loop.terms if t.search == "lines")
+    return {f"{t.name}.{n}" for t in lines for n in ("cosine", "sine")}
+
+
+def _extended(side: Side, fit: Fit, term: Term, begin: list[Point]) -> Fit:
+    """Fit the model with one more effect, from its best starting values."""
+    found = []
+    for values in begin:
+        base = beginning(fit, term, values)
+        loop = fit.loop.with_effect(term, **values)
+        step = steps(side.fold, loop, side.scales)
+        free = [*fit.free, *_free(term, values)]
+        new = gauss_newton(side.fold, loop, loop.values(base), free, step)
+        if new.cost > fit.cost:  # the base parameters must give way first: begin without it
+            plain = {**loop.values(fit.values), **_absent(term)}
+            new = gauss_newton(side.fold, loop, plain, free, step)
+        found.append(new)
+    return min(found, key=lambda f: f.cost)
+
+
+def _absent(term: Term) -> dict[str, float]:
+    """Return what makes an effect vanish, its shape as it is."""
+    pairs = zip(term.names, term.parameters, strict=True)
+    return {name: p.neutral for name, p in pairs if p.linear}
+
+
+def _free(term: Term, values: Mapping[str, float]) -> list[str]:
+    own = [p for p in term.parameters if not p.nuisance]
+    if term.search == "valleys":  # none of it is another motion than little: no way leads there
+        own = [p for p in own if values[p.name] != 0.0]
+    if term.search in ("either", "scan"):  # a shape that starts without effect stays there
+        own = [p for p in own if p.linear or values[p.name] != p.neutral]
+    return [f"{term.name}.{p.name}" for p in own]

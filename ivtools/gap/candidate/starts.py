@@ -1,0 +1,208 @@
+"""Starts: from which values an effect is fitted, and how its valleys are found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, OptimizeResult, differential_evolution, minimize
+from scipy.stats import qmc
+
+from ...physics import Term
+from ..fit import Fit
+from ..fold import Fold, Side, settling
+from ..library import Box, alternatives
+from ..rules import (
+    CROWD,
+    DELIVERED_POINTS,
+    FIRST_CROWD,
+    GENERATIONS,
+    HOPELESS,
+    LARGE,
+    MUTATION,
+    RECOMBINATION,
+    SECOND_CROWD,
+    VALLEY_SAMPLES,
+    VALLEY_TIME,
+)
+from ..screen import Score
+
+Array = NDArray[np.float64]
+
+#: Values of an effect's parameters, by short name.
+Point = dict[str, float]
+
+
+def starts(
+    sides: tuple[Side, ...], fits: tuple[Fit, ...], scores: list[Score]
+) -> tuple[list[Point], ...]:
+    """Return, per fold, the values from which an effect is fitted, by short name; or none.
+
+    Parameters
+    ----------
+    sides : tuple of Side
+    fits : tuple of Fit
+        The model without the effect, on each fold.
+    scores : list of Score
+        Its screening on each.
+    """
+    term = scores[0].term
+    if term.search == "valleys":
+        search = _deepest if term.law is None else _delivered
+        return (search(sides, fits, term),) * len(sides)
+    if term.search == "either":
+        return tuple(alternatives(term, s.scales) for s in sides)
+    return tuple(s.starts for s in scores)
+
+
+def beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, float]:
+    """Return the parameters of a model beside which the search for one more effect begins.
+
+    Beside a drive that does not deliver what is asked of it, those that the force which it delivers
+    shows: without the effect they are bent as far as the loop strays.
+
+    A rigid joint that rattles is as heavy as it takes to be jerked; the robot, identified in the
+    band of its motion, knows better what it weighs.
+    """
+    if term.search == "valleys" and term.law is not None:
+        return {**fit.values, **fit.inverse.values(term, values)}
+    if term.search == "valleys" and fit.fold.link is not None:
+        return {**fit.values, **{n: v for n, v in fit.loop.start.items() if "." not in n}}
+    return fit.values
+
+
+def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:
+    """Return the point with the least error on both folds together, by differential evolution.
+
+    None where each is worse than no effect at all; that which is known where it is not.
+
+    A valley that is too narrow for gradients is at the same place in both folds, and the false
+    ones are not; it is as narrow in a part of the record as in all of it, and wider the shorter
+    the part is. Only the place is shared: the fits that start there see one fold each.
+
+    R. Storn, K. Price, "Differential evolution", J. Global Optimization 11, 1997.
+    """
+    costs = [_cost(s.fold, f, term) for s, f in zip(sides, fits, strict=True)]
+    rigid = [c(None) for c in costs]
+    costs = [costs[k] for k in np.argsort(rigid)[::-1]]  # the one that shows most first
+    plain, known = sum(rigid), dict(sides[0].places.get(term.name, {}))
+    if known and sum(c(known) for c in costs) < HOPELESS * plain:
+        return [known]
+    boxes, cost, best = Box.of(term, sides[0].scales), np.inf, Point()
+    large = plain > LARGE * len(sides)
+    for crowd in (FIRST_CROWD, SECOND_CROWD)[: 1 + large]:  # a valley may lie between few points
+        if cost > HOPELESS * plain:
+            found = (_evolved(costs, plain, box, crowd) for box in boxes)
+            cost, best = min(found, key=lambda pair: pair[0])
+    return [best] if cost <= plain else []
+
+
+def _evolved(
+    costs: Sequence[Callable[[Point | None], float]], plain: float, box: Box, crowd: int
+) -> tuple[float, Point]:
+    """Return the least cost in a box, of all folds together, and where it is.
+
+    It begins with the best of the points that fill the box, two to the power of its dimensions and
+    `crowd`, and ends early where that is nothing better than no effect at all. A point that costs
+    more on one fold than any that the search keeps is not tried on the other, which can only add
+    to it.
+    """
+    most = [plain]
+
+    def cost(x: Array) -> float:
+        """Return the cost of a point of the unit cube, or a part of it that is too much."""
+        point, total = box.point(x), 0.0
+        for c in costs:
+            total += c(point)
+            if total > most[0]:
+                break
+        return total
+
+    def ends(intermediate_result: OptimizeResult) -> None:
+        """End a search that begins with nothing better than no effect at all."""
+        if intermediate_result.fun > HOPELESS * plain:
+            raise StopIteration
+        most[0] = float(np.max(intermediate_result.population_energies))
+
+    with ThreadPoolExecutor(2) as pool:
+        drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(box.dimensions + crowd)
+        order = np.argsort(list(pool.map(cost, drawn)), kind="stable")
+        found = differential_evolution(
+            cost,
+            Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
+            init=drawn[order[: CROWD * box.dimensions]],
+            maxiter=GENERATIONS,
+            mutation=MUTATION,
+            recombination=RECOMBINATION,
+            polish=False,
+            updating="deferred",
+            workers=pool.map,
+            callback=ends,
+            rng=1,
+        )
+    return float(found.fun), box.point(found.x)
+
+
+def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:
+    """Return the point with which the inverse model explains the motion of both folds best.
+
+    What a drive delivers moves the axis as any force does, however far the loop has strayed from
+    what it does without the effect; the error of its simulation, and the base parameters, say
+    nothing there.
+    """
+    models = [f.inverse for f in fits]
+
+    def best(box: Box) -> tuple[float, Point]:
+        """Return the least cost in a box, and where it is."""
+
+        def cost(x: Array) -> float:
+            """Return the cost of a point of the unit cube."""
+            return sum(m.left(term, box.point(x)) for m in models)
+
+        begin = min(qmc.Sobol(box.dimensions, rng=1).random_base2(DELIVERED_POINTS), key=cost)
+        found = minimize(cost, begin, method="Nelder-Mead", bounds=[(0.0, 1.0)] * box.dimensions)
+        return float(found.fun), box.point(found.x)
+
+    return [min(map(best, Box.of(term, sides[0].scales)), key=lambda pair: pair[0])[1]]
+
+
+def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
+    """Return the cost of a point on the worst stretch of a fold, the base tuned to first order.
+
+    That of no point is what there is without the effect.
+    """
+    rows, settled = _worst(fold, fit.e)
+    part = fold.stretch(rows.start, rows.stop)
+    part = part.only(np.arange(rows.start, rows.stop) >= settled, fold.label)
+    J = fit.J[np.sum(fold.keep[:settled]) :][: part.n_kept]
+    Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0]
+    loop = fit.loop.with_effect(term)
+    base = loop.values(beginning(fit, term))
+
+    def cost(point: Point | None) -> float:
+        """Return the mean square of the whitened error."""
+        if point is None:
+            e = part.error(fit.loop, fit.values)
+        else:
+            e = part.error(loop, {**base, **{f"{term.name}.{k}": v for k, v in point.items()}})
+        return float(e @ e - np.sum((Q.T @ e) ** 2)) / len(e)
+
+    return cost
+
+
+def _worst(fold: Fold, e: Array) -> tuple[slice, int]:
+    """Return the stretch of the record with the largest energy of the error, and where it counts.
+
+    Where it starts, the axis may be in the midst of a jerk, and the simulation knows its state by
+    derivatives only: so its first samples are not judged, as those of a record are not.
+    """
+    count = fold.record.n_samples
+    n = min(round(VALLEY_TIME / fold.record.dt), VALLEY_SAMPLES, count)
+    lead = min(settling(fold.record), n // 2)
+    energy = np.zeros(count + 1)
+    energy[1:][fold.keep] = e**2
+    energy = np.cumsum(energy)
+    start = int(np.argmax(energy[n:] - energy[lead : lead + count - n + 1]))
+    return slice(start, start + n), start + lead

@@ -1,0 +1,218 @@
+"""Trial: one effect, fitted on each fold and judged on the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics import Term
+from ..discrepancy import a_line, other_waves, unlike_smooth
+from ..fit import Fit
+from ..fold import Fold, block_t
+from ..library import Scales
+from ..rules import OTHER_WAVE_T, UNLIKE_SMOOTH, Rules, Threshold
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """An effect, fitted on each fold and judged on the other.
+
+    Parameters
+    ----------
+    term : Term
+    fits : tuple of Fit
+        On each fold.
+    held : tuple of Fit
+        On each fold, with the effects of the other one frozen.
+    before : tuple of Fit
+        Held fits of the model without the effect.
+    """
+
+    term: Term
+    fits: tuple[Fit, ...]
+    held: tuple[Fit, ...]
+    before: tuple[Fit, ...]
+
+    @property
+    def name(self) -> str:
+        """Identifier of the effect."""
+        return self.term.name
+
+    @property
+    def gains(self) -> Array:
+        """R2 gain: share of the energy removed on held-out data, per fold."""
+        return np.array(
+            [1.0 - h.cost / b.cost for h, b in zip(self.held, self.before, strict=True)]
+        )
+
+    @property
+    def gain(self) -> float:
+        """R2 gain on held-out data, mean of the folds."""
+        return float(np.mean(self.gains))
+
+    @property
+    def removed(self) -> float:
+        """Whitened energy removed on held-out data, mean of the folds; the floor is 1."""
+        both = zip(self.before, self.held, strict=True)
+        return float(np.mean([b.cost - h.cost for b, h in both]))
+
+    @cached_property
+    def amplitudes(self) -> Array:
+        """Amplitude of the frozen effect on each held-out fold and its block t value, (2, 2)."""
+        return np.array([_amplitude(b, h) for b, h in zip(self.before, self.held, strict=True)])
+
+    @property
+    def t(self) -> Array:
+        """Block t value of the amplitude, per fold."""
+        return self.amplitudes[:, 1]
+
+    def evenness(self, last: Sequence[Fit]) -> float:
+        """Return the standard error of the amplitude in noise alone over the block-robust one.
+
+        1 where the blocks agree as well as noise lets them; an effect that only resembles what is
+        there fits some blocks better than others (H. White, Econometrica 50(1), 1982: where both
+        differ, the model is wrong).
+
+        Parameters
+        ----------
+        last : sequence of Fit
+            The model with all that is named, on each fold.
+        """
+        found = []
+        for b, h, end in zip(self.before, self.held, last, strict=True):
+            change = b.e - h.e
+            spread = float(np.linalg.norm(h.fold.block_sums(change * end.e)))
+            found.append(float(np.linalg.norm(change)) / max(spread, 1e-300))
+        return min(found)
+
+    @property
+    def shares(self) -> Array:
+        """Share of the reducible gap removed on held-out data, per fold; the floor is 1."""
+        return self._removed_of([1.0 for _ in self.before])
+
+    @property
+    def closable(self) -> Array:
+        """Share of the energy that smooth laws of the state could remove, per fold."""
+        return self._removed_of([max(b.fold.smooth, 1.0) for b in self.before])
+
+    def _removed_of(self, floors: Sequence[float]) -> Array:
+        """Return the share removed of the energy above a floor, per fold."""
+        folds = zip(self.held, self.before, floors, strict=True)
+        return np.array([(b.cost - h.cost) / max(b.cost - f, 1e-9) for h, b, f in folds])
+
+    @property
+    def disagreement(self) -> float:
+        """Factor by which the folds disagree in the amplitude; 1 is agreement."""
+        return float(np.exp(np.max(np.abs(np.log(np.clip(self.amplitudes[:, 0], 1e-9, None))))))
+
+    @property
+    def inside(self) -> bool:
+        """Whether no parameter is at a bound; 0 and 1 are the natural ends of a share.
+
+        Bounds are where a model stops to mean what its name says: a second mass without inertia, or
+        one that creeps instead of ringing, or a line that does not come twice, mimics something
+        else.
+        """
+        if any(self._beyond(fit) for fit in self.fits):
+            return False
+        at_bound = (
+            fit.values[name] == bound
+            for fit in self.fits
+            for name, p in zip(self.term.names, self.term.parameters, strict=True)
+            for bound in (p.lower, p.upper)
+            if bound not in (0.0, 1.0) and not p.nuisance
+        )
+        return not any(at_bound)
+
+    def _beyond(self, fit: Fit) -> bool:
+        """Whether a parameter is smaller or larger than the effect's name allows on this axis."""
+        sizes = Scales(fit.fold.record, fit.loop).sizes
+        pairs = zip(self.term.names, self.term.parameters, strict=True)
+        values = ((fit.values[n] / sizes[p.scale], p) for n, p in pairs)
+        return not all(p.least <= value <= p.most for value, p in values)
+
+    @cached_property
+    def lowers(self) -> bool:
+        """Whether the plain force error on held-out data, of both folds, is smaller with it."""
+        before, after = (sum(f.force_rms**2 for f in fits) for fits in (self.before, self.held))
+        return after < before
+
+    @cached_property
+    def unlike(self) -> float:
+        """Share of its gain that no smooth law of the state could have, 0 to 1."""
+        if self.term.search == "lines":
+            period = max(f.values[f"{self.name}.period"] for f in self.fits)
+            return float(np.clip(a_line(self.before, self.held, period), 0.0, 1.0))
+        return float(np.clip(unlike_smooth(self.before, self.held), 0.0, 1.0))
+
+    @cached_property
+    def distinct(self) -> bool:
+        """Whether a line over position is no smooth law of the state, and no other wave."""
+        if self.term.search != "lines":
+            return True
+        waves = other_waves(self.before, [f.values[f"{self.name}.period"] for f in self.held])
+        better = all(block_t(self._over(w)) > OTHER_WAVE_T for w in waves)
+        return better and self.unlike > UNLIKE_SMOOTH  # the latter costs more
+
+    def _over(self, errors: Sequence[Array]) -> Array:
+        """Return by how much it does better than what leaves these errors, by block."""
+        both = zip(self.held, errors, strict=True)
+        return np.concatenate([h.fold.block_sums(e**2 - h.e**2) for h, e in both])
+
+    def passes(self, rules: Rules) -> bool:
+        """Whether the effect replicates, and the force error is smaller for it."""
+        least = rules.threshold(self.term)
+        enough = bool(np.min(self.shares) >= least.share)
+        thorough = bool(np.min(self.closable) >= rules.thorough.share)
+        reached = any(self._reaches(x) for x in (least, rules.steady, rules.dominant))
+        reached |= thorough and self._reaches(rules.thorough)
+        dominates = bool(np.max(self.gains) >= rules.dominant.gain)
+        reached |= dominates and self._reaches(rules.one_sided)
+        return enough and reached and self.inside and self.lowers and self.distinct
+
+    def _reaches(self, least: Threshold) -> bool:
+        gain, t = np.min(self.gains), np.min(self.t)
+        return bool(gain >= least.gain and t >= least.t and self.disagreement <= least.agreement)
+
+    def correlation(self, other: Trial) -> float:
+        """Return the correlation of what both change on held-out data; 1 for twins."""
+        cosines = []
+        for _, (b, h, plain, o) in self._both(other):
+            x, y = b - h, plain - o
+            cosines.append(float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300))
+        return min(cosines)
+
+    def advantage(self, other: Trial) -> float:
+        """Return the block t value by which this effect does better on held-out data.
+
+        Of both folds together: better on one and worse on the other is no difference.
+        """
+        both = self._both(other)
+        return block_t(np.concatenate([f.block_sums(o**2 - h**2) for f, (_, h, _, o) in both]))
+
+    def _both(self, other: Trial) -> Iterator[tuple[Fold, list[Array]]]:
+        """Yield, per fold, the samples that count for both effects, and the errors there.
+
+        Those without and with this one, and without and with the other.
+        """
+        for fits in zip(self.before, self.held, other.before, other.held, strict=True):
+            keep = fits[0].fold.keep & fits[2].fold.keep
+            fold = fits[0].fold.only(keep, fits[0].fold.label)
+            yield fold, [f.e[keep[f.fold.keep]] for f in fits]
+
+
+def _amplitude(before: Fit, held: Fit) -> tuple[float, float]:
+    """Return the best multiple of the frozen change, and its block-robust t value."""
+    change = before.e - held.e
+    energy = float(change @ change)
+    if not energy > 0.0:
+        return 0.0, 0.0
+    amplitude = float(change @ before.e) / energy
+    scores = held.fold.block_sums(change * (before.e - amplitude * change))
+    return amplitude, amplitude * energy / max(float(np.sqrt(scores @ scores)), 1e-300)
