@@ -101,26 +101,31 @@ def cached(*signature: Any) -> Callable[[Callable[..., Any]], Kernel]:
 
 
 class Kernel:
-    """A compiled function; it is loaded, or compiled, when it is first called."""
+    """A compiled function; it is loaded, or compiled, when it is first called.
+
+    One with a single signature is called without a look at the types of its arguments, which takes
+    as long as 200 samples of a simulation: whoever calls it sees to them.
+    """
 
     def __init__(self, function: Callable[..., Any], signature: tuple[Any, ...] = ()):
         self.dispatcher = njit(nogil=True, error_model="numpy")(function)
         self.dispatcher._cache = Store(self.dispatcher)
         self._signature = signature
-        self._ready: Dispatcher | None = None
+        self._ready: Callable[..., Any] | None = None
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the function."""
         ready = self._ready
         return (self._prepared() if ready is None else ready)(*arguments)
 
-    def _prepared(self) -> Dispatcher:
+    def _prepared(self) -> Callable[..., Any]:
         with _COMPILING:  # the first calls may come from several threads at once
             if self._ready is None:
                 for signature in self._signature:
                     self.dispatcher.compile(signature)
                 self.dispatcher.disable_compile(bool(self._signature))
-                self._ready = self.dispatcher
+                only = list(self.dispatcher.overloads.values()) if self._signature else []
+                self._ready = only[0].entry_point if len(only) == 1 else self.dispatcher
             return self._ready
 
 
