@@ -30,8 +30,9 @@ _NAMES = (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN, 
 # `steps.sum_up` before and after the drive's delay, by directions of motor and load, and by whether
 # they touch
 _SUMS = ("sums", float, (2, 3, 3, 2, 8, 5))
+_LINES = ("lines", float, (3, 2))  # plain friction of two masses by direction, see `plain_line`
 _COUNTS = (("steps", np.int64), ("terms", np.int64), ("summed", np.int64))
-PARAMETERS = np.dtype([*((n, float) for n in _NAMES), *_COUNTS, _SUMS])
+PARAMETERS = np.dtype([*((n, float) for n in _NAMES), *_COUNTS, _SUMS, _LINES])
 FLAGS = np.dtype([("laws", np.int64), *((name, bool) for name in (*TERMS, *_SWITCHES))])
 
 _ALWAYS = ("viscous", "coulomb", "asymmetric-friction", "offset")
@@ -222,6 +223,9 @@ def derive(dt, n, p, on):
         bristle = np.sqrt(p["bristle"] / p["motor"]) * dt
         steps = max(steps, int(np.ceil(bristle / _BRISTLE_REACH)))
     p["steps"], p["terms"] = steps, _terms(angle / steps)
+    if on["two"]:
+        for i in range(3):
+            p["lines"][i, 0], p["lines"][i, 1] = plain_line(i - 1.0, p)
 
 
 @inlined

@@ -175,7 +175,7 @@ def sum_up(span, h, p):
     it is a matrix of five columns: of the ways of both, what their velocities gain, and the same
     late in the step.
     """
-    x, slopes = np.zeros(5), (plain_line(-1.0, p)[1], plain_line(0.0, p)[1], plain_line(1.0, p)[1])
+    x, lines = np.zeros(5), p["lines"]
     for i in range(3):
         for j in range(3):
             for touching in range(2):
@@ -186,7 +186,7 @@ def sum_up(span, h, p):
                     x[column] = 1.0
                     state = 0.0, x[0], 0.0, x[1], 0.0
                     end, late = _vibration(
-                        state, h, x[2], x[3], x[4], mode, (slopes[i], slopes[j]), p
+                        state, h, x[2], x[3], x[4], mode, (lines[i, 1], lines[j, 1]), p
                     )
                     for row in range(4):
                         sums[row, column] = end[row]
@@ -210,7 +210,8 @@ def two_masses(x, mode, h, tau, rise, t, p, on, user, span=-1):
     """
     s1, s2, side = mode
     w1, w2 = _weights(s1, s2, p)
-    (level1, slope1), (level2, slope2) = plain_line(s1, p), plain_line(s2, p)
+    i, j, lines = int(s1) + 1, int(s2) + 1, p["lines"]
+    level1, slope1, level2, slope2 = lines[i, 0], lines[i, 1], lines[j, 0], lines[j, 1]
     own = 1.0 - p["share"]
     rod = bristle(x[0], x[1], x[4], h, tau, t, p, on, user)
     f1, f2 = _beyond_both(x, mode, tau, t, rod, p, on, user)
@@ -219,7 +220,7 @@ def two_masses(x, mode, h, tau, rise, t, p, on, user, span=-1):
     a2 = w2 * (link - p["share"] * (level2 + slope2 * x[3]) - f2 + p["shift"])
     jerk, middle = w1 * rise * h, (0.0, 0.0, 0.0, 0.0)
     if span >= 0 and p["summed"]:
-        sums = p["sums"][span, int(s1) + 1, int(s2) + 1, 1 if side != 0.0 else 0]
+        sums = p["sums"][span, i, j, 1 if side != 0.0 else 0]
         v1, v2 = x[1], x[3]
         y = (
             x[0] + _sum(0, sums, v1, v2, a1, a2, jerk),
