@@ -10,8 +10,8 @@ from benchmarks import moves
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import candidate, fit, parity
-from ivtools.gap.candidate import starts
 from ivtools.gap.attribute import attribute, selection
+from ivtools.gap.candidate import starts
 from ivtools.gap.diagnose import Task as Asked
 from ivtools.gap.diagnose import begin
 from ivtools.gap.floor import folds, measure, prepared
