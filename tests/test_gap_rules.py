@@ -1,12 +1,14 @@
 """Which effects earn a name: what one large effect must not hide, and what is not ambiguous."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 import ivtools as iv
 from benchmarks import moves
 from ivtools.gap.attribute import Evidence, probability
+from ivtools.gap.candidate import Trial
 from ivtools.gap.rules import LIKELY, Rules
 from ivtools.physics import EFFECTS
 
@@ -84,6 +86,25 @@ def test_what_is_left_speaks_only_against_a_name_that_a_smooth_law_could_stand_f
     assert probability(replace(proof, explained=0.95)) == probability(replace(proof, needed=True))
     assert doubted < probability(replace(proof, unlike=0.9))
     assert probability(replace(proof, needed=True, evenness=0.03)) < LIKELY
+
+
+def test_a_name_that_another_effect_outdoes_is_none_while_a_gap_is_left():
+    proof = Evidence(gain=0.3, t=60.0, disagreement=1.1, rival=1.6, share=0.7, left=1.3,
+                     explained=0.7, unlike=0.9, evenness=0.3)  # fmt: skip
+    assert probability(proof) < 0.5
+    assert probability(replace(proof, rival=1.0)) > 0.9  # it did as well, and was told from it
+    assert probability(replace(proof, explained=0.95)) > 0.9  # beside others it closed the gap
+
+
+@pytest.mark.parametrize("effect", ["flexibility", "backlash"])
+def test_a_second_mass_that_is_hardly_one_has_no_name(effect):
+    """With the friction on it, it is friction that yields."""
+    shape = {"gap": 1e-4} if effect == "backlash" else {}
+    record, loop = iv.datasets.twin(), iv.axes.emps().with_effect(effect, **shape)
+    for share, named in ((0.02, False), (0.2, True)):
+        values = loop.values({**BASE, f"{effect}.load_share": share})
+        fit = SimpleNamespace(values=values, loop=loop, fold=SimpleNamespace(record=record))
+        assert Trial(EFFECTS[effect], (fit, fit), (), ()).inside == named
 
 
 def test_every_family_has_its_bar():

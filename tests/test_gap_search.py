@@ -137,6 +137,19 @@ def test_a_search_ends_in_a_valley_that_is_known(scales, monkeypatch):
         assert (found == [known]) != searched
 
 
+def test_no_second_mass_is_looked_for_beside_what_closes_nearly_all_of_a_gap(monkeypatch):
+    """An eccentric encoder 86 times the noise and a drift: both are named without a search."""
+    searched = []
+    monkeypatch.setattr(starts, "_evolved", lambda *a: searched.append(a) or (np.inf, {}))
+    case = draw(Task("two", 6006, ("friction-drift", "encoder-eccentricity")))
+    loop = from_tables(case.axis.tables())
+    gap = iv.diagnose(
+        iv.Record.from_dict(case.records[0]), loop, iv.Record.from_dict(case.records[1])
+    )
+    assert set(gap.effects) == {"friction-drift", "encoder-eccentricity"}
+    assert not searched
+
+
 def test_a_law_that_typical_samples_hardly_show_is_not_fitted_to_them():
     """It would be a thousand times too large where it acts."""
     rng = np.random.default_rng(0)

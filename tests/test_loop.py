@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from benchmarks import populations
 from ivtools import Record, axes
 from ivtools.errors import AxisError, RecordError, ShapeError
-from ivtools.loop import ClosedLoop, Controller
+from ivtools.loop import ClosedLoop, Controller, integrator, steps
+from ivtools.loop.engine import plant
 from ivtools.loop.system import initial_state
 from ivtools.physics import EFFECTS, Parameter, Term
 
@@ -235,6 +236,30 @@ def test_only_an_offset_of_the_load_preloads_a_gap():
         free = loop.simulate(RECORD, heavy | {"backlash.gap": 0.0}).nu[:, 0]
         runs[offset] = float(np.std(runs[offset] - free))
     assert runs[1.0] < 0.5 * runs[0.0]
+
+
+@pytest.mark.parametrize("effect", ["flexibility", "backlash"])
+@pytest.mark.parametrize("laws", [(), ("stribeck", "asymmetric-viscous")])
+def test_a_step_of_two_masses_is_the_series_that_was_summed_before(effect, laws):
+    """In every mode, with laws that are not linear and without."""
+    loop = axes.emps()
+    for law in laws:
+        loop = loop.with_effect(law, **SIZES[law])
+    shape = {"gap": 1e-4, "contact_hz": 300.0} if effect == "backlash" else {"frequency_hz": 60.0}
+    loop = loop.with_effect(effect, load_share=0.3, load_friction=0.4, **shape)
+    p, on, user = plant(loop, loop.values(THETA))
+    integrator.plan(1e-3, 1, p, on)
+    assert p["summed"] and np.any(p["sums"][1])
+    h, rng = 1e-3 / p["steps"], np.random.default_rng(0)
+    for _ in range(200):
+        mode = (*rng.choice([-1.0, 0.0, 1.0], 2), rng.choice([-1.0, 0.0, 1.0]))
+        q, v = 1e-4 * rng.normal(size=2), 0.1 * np.array(mode[:2]) * rng.uniform(size=2)
+        x, force = (q[0], v[0], q[1], v[1], 0.0), 50.0 * rng.normal()
+        both = [
+            steps.two_masses(x, mode, h, force, 100.0, 0.0, p, on, user, span) for span in (1, -1)
+        ]
+        np.testing.assert_allclose(both[0][0], both[1][0], rtol=1e-12, atol=1e-15)
+        assert both[0][1] == both[1][1]
 
 
 @pytest.mark.parametrize("effect", ["backlash", "flexibility", "stribeck"])
