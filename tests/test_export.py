@@ -10,6 +10,7 @@ import ivtools as iv
 from ivtools.cli import run
 from ivtools.errors import AxisError
 from ivtools.loop import Controller
+from ivtools.physics import Parameter, Term
 from ivtools.simulators.plain import described, program
 from ivtools.simulators.urdf_export import export
 
@@ -43,6 +44,22 @@ def test_the_program_simulates_what_the_loop_does(twin, effect):
     *_, nu = made["simulate"](record.t, record.q_ref[:, 0])
     ours, plain = (one.simulate(record, THETA, initial="rest").nu[:, 0] for one in (lacking, loop))
     assert rms(nu - ours) < 0.2 * rms(ours - plain)
+
+
+def _drag(speed, size):
+    """Return a drag that calls itself against a wind from behind."""
+    return -_drag(-speed, size) if np.any(speed < 0.0) else size * speed * speed
+
+
+def test_the_program_has_what_a_law_calls():
+    law = Term("windage", "mechanics", (Parameter("drag", "{F} s2/{L}2"),), "c dq |dq|", "a fan",
+               law=lambda q, dq, ddq, sign, tau, t, c: _drag(dq, c))  # fmt: skip
+    loop = iv.axes.emps()
+    loop = replace(loop, terms=(*loop.terms, law), start={**loop.start, "windage.drag": 300.0})
+    made: dict = {}
+    exec(compile(program(loop, THETA), "model.py", "exec"), made)
+    plain = made["force"](0.0, -0.1) + 300.0 * 0.01
+    assert plain == pytest.approx(-200.0 * 0.1 - 20.0 - 3.0)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import inspect
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -96,7 +97,7 @@ def program(loop: ClosedLoop, theta: Mapping[str, float], dt: float = 1e-3) -> s
     ]
     return TEMPLATE.read_text(encoding="utf-8").format(
         title=f"{loop.name}: the force law and the closed loop",
-        laws="\n\n\n".join(_source(name, term) for name, term in laws.items() if name != "inertia"),
+        laws="\n\n\n".join(_sources({n: t for n, t in laws.items() if n != "inertia"})),
         calls="\n".join(calls),
         inertia=values["inertia"],
         unit="N" if loop.joint == "prismatic" else "N m",
@@ -116,13 +117,31 @@ def _units(term: Term, joint: str) -> str:
     return ", ".join(f"{p.name} {p.unit_for(joint)}" for p in term.parameters)
 
 
-def _source(name: str, term: Term) -> str:
-    """Return the law of a term as a function of its own."""
-    law = term.law
-    assert law is not None  # the caller has looked
+def _sources(laws: Mapping[str, Term]) -> list[str]:
+    """Return the laws of terms as functions of their own, and before them what they call."""
+    helpers: dict[str, str] = {}
+    for term in laws.values():
+        _help(term.law, helpers)
+    functions = (_source(name, term.law, term.equation) for name, term in laws.items())
+    return [*helpers.values(), *functions]
+
+
+def _help(law: Any, helpers: dict[str, str]) -> None:
+    """Add the source of the functions that a law calls, of whatever module."""
+    for name in law.__code__.co_names:
+        called = law.__globals__.get(name)
+        called = getattr(called, "py_func", called)  # a compiled one has its source
+        if isinstance(called, FunctionType) and name not in helpers:
+            summary = (inspect.getdoc(called) or name).splitlines()[0]
+            helpers[name] = _source(name, called, summary)
+            _help(called, helpers)
+
+
+def _source(name: str, law: Any, summary: str) -> str:
+    """Return a law, or what it calls, as a function of its own."""
     node = _node(law)
     arguments = ", ".join(a.arg for a in node.args.args)
-    text = f'    """{term.equation}"""\n'
+    text = f'    """{summary}"""\n'
     if isinstance(node, ast.Lambda):
         return f"def {name}({arguments}):\n{text}    return {ast.unparse(node.body)}"
     body = node.body[1:] if ast.get_docstring(node) else node.body
@@ -141,11 +160,16 @@ def _node(law: Any) -> ast.Lambda | ast.FunctionDef:
     for node in ast.walk(tree):
         if (
             isinstance(node, ast.Lambda | ast.FunctionDef)
-            and node.lineno == code.co_firstlineno
+            and _line(node) == code.co_firstlineno
             and [a.arg for a in node.args.args] == names
         ):
             return node
     raise AxisError(f"the source of the law {law.__qualname__} is not at hand")
+
+
+def _line(node: ast.Lambda | ast.FunctionDef) -> int:
+    """Return the line on which a function begins, its decorators included."""
+    return min([node.lineno, *(d.lineno for d in getattr(node, "decorator_list", []))])
 
 
 @cache
