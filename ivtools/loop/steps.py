@@ -151,6 +151,12 @@ def _swing(x, h, a1, a2, jerk, drag1, drag2, pull1, pull2, damp1, damp2, terms):
 
 
 @inlined
+def _place(s):
+    """Return where what belongs to a direction stands: back, at rest, ahead; NaN is at rest."""
+    return 2 if s > 0.0 else (0 if s < 0.0 else 1)
+
+
+@inlined
 def _weights(s1, s2, p):
     """Return by what a force moves motor and load, 1/kg or 1/(kg m2): nothing that stands."""
     return 1.0 / p["motor"] if s1 != 0.0 else 0.0, 1.0 / p["load"] if s2 != 0.0 else 0.0
@@ -210,7 +216,7 @@ def two_masses(x, mode, h, tau, rise, t, p, on, user, span=-1):
     """
     s1, s2, side = mode
     w1, w2 = _weights(s1, s2, p)
-    i, j, lines = int(s1) + 1, int(s2) + 1, p["lines"]
+    i, j, lines = _place(s1), _place(s2), p["lines"]
     level1, slope1, level2, slope2 = lines[i, 0], lines[i, 1], lines[j, 0], lines[j, 1]
     own = 1.0 - p["share"]
     rod = bristle(x[0], x[1], x[4], h, tau, t, p, on, user)
