@@ -7,9 +7,12 @@ import pytest
 
 import ivtools as iv
 from benchmarks import moves
+from benchmarks.withheld.cases import draw
+from benchmarks.withheld.suites import Task
 from ivtools.gap.attribute import Evidence, probability
 from ivtools.gap.candidate import Trial
 from ivtools.gap.rules import LIKELY, Rules
+from ivtools.loop.axis_file import from_tables
 from ivtools.physics import EFFECTS
 
 SECONDS = 16.0
@@ -105,6 +108,15 @@ def test_a_second_mass_that_is_hardly_one_has_no_name(effect):
         values = loop.values({**BASE, f"{effect}.load_share": share})
         fit = SimpleNamespace(values=values, loop=loop, fold=SimpleNamespace(record=record))
         assert Trial(EFFECTS[effect], (fit, fit), (), ()).inside == named
+
+
+def test_a_second_effect_is_looked_for_at_the_floor_too():
+    """The floor, learnt without either, has some of it: what the first one leaves is below 1."""
+    case = draw(Task("two", 6102, ("presliding", "spring")))
+    one, two = (iv.Record.from_dict(r) for r in case.records)
+    gap = iv.diagnose(one, from_tables(case.axis.tables()), two)
+    assert set(gap.effects) == {"presliding", "spring"}
+    assert gap.chi[1] < 0.95
 
 
 def test_every_family_has_its_bar():

@@ -178,7 +178,9 @@ def attribute(
 ) -> Attribution:
     """Name the effects by forward selection and backward elimination.
 
-    As soon as one of them depends on the position, all are judged where both folds have been.
+    As soon as one of them depends on the position, all are judged where both folds have been. The
+    search goes on at the floor, too: that was learnt beside the base model, and may have some of
+    what a second effect does in it.
 
     Parameters
     ----------
@@ -221,8 +223,6 @@ def attribute(
             break
         best.append(group)
         room -= len(group)
-        if cost(group[-1].held) < CLEAN:  # at the floor: nothing is left to have a name
-            break
     ends = [group[-1] for group in best]
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
     models = [common(fits) for fits in (base, *(t.held for t in ends))] if left else []
