@@ -314,6 +314,7 @@ def threaded(f: Callable[..., T], *items: Iterable[Any]) -> list[T]:
         return [f(*task) for task in tasks]
 
     def part(task: tuple[Any, ...]) -> T:
+        """Do one, and all that it is made of, in this thread."""
         _WORKING.yes = True
         return f(*task)
 
