@@ -12,9 +12,12 @@ import ivtools as iv
 from benchmarks.withheld.robots import simulated, split
 from ivtools.cli import run
 from ivtools.errors import AxisError
-from ivtools.gap.attribute import Supposed
-from ivtools.gap.fold import Doubt, Fold, Link
+from ivtools.gap.attribute import Supposed, selection
+from ivtools.gap.candidate import starts
+from ivtools.gap.fit import gauss_newton
+from ivtools.gap.fold import Doubt, Fold, Link, usable
 from ivtools.gap.robot import alone, assumed, heard, identified, links
+from ivtools.physics import EFFECTS
 
 
 def measured(loop, seed, noise=2e-5, seconds=12.0):
@@ -222,6 +225,36 @@ def test_what_a_link_has_beyond_its_mean_is_inertia_of_the_joint():
     one = part.loop.simulate(part.record, theta, link=link)
     two = part.loop.simulate(plain, heavier)
     np.testing.assert_allclose(one.q, two.q, rtol=1e-9, atol=1e-12)
+
+
+def test_a_link_is_looked_for_no_lighter_than_what_a_pose_takes_of_it():
+    """With less than no inertia in some pose, a simulation of it would say nothing."""
+    loop = two_loop()
+    record = measured(loop, 4, seconds=3.0)
+    part = alone(0, record, identified(record, loop)[0])
+    inertia = part.loop.start["inertia"]
+    link = np.column_stack([part.link[:, 0], -0.36 * inertia * (part.record.t < 1.0)])
+    one = Fold(part.record, usable(part.record, part.loop), link=Link(part.record.t, link))
+    lightest = one.least_link / inertia
+    assert lightest == pytest.approx(0.4)
+    assert replace(one, link=None).least_link == 0.0
+    step = dict.fromkeys(part.loop.names, 1e-3)
+    rigid = gauss_newton(one, part.loop, part.loop.start, part.loop.names, step, 1)
+    cost = starts._cost(one, rigid, EFFECTS["flexibility"])
+    shape = {"frequency_hz": 20.0, "damping": 0.03, "load_friction": 0.0}
+    costs = [cost({**shape, "load_share": lightest * share}) for share in (0.99, 1.01)]
+    assert costs[0] == np.inf and np.isfinite(costs[1])
+
+
+def test_what_removes_most_of_a_gap_and_gets_no_name_is_supposed(monkeypatch):
+    """However little of the energy the gap is, most of which is noise."""
+    monkeypatch.setattr(selection, "LIKELY", 1.1)
+    loop = two_loop()
+    true = loop.with_effect("elbow", "stribeck", force=0.02, speed=0.1, exponent=2.0)
+    one, two = (measured(true, seed, noise=1.2e-5) for seed in (1, 2))
+    elbow = iv.diagnose_robot(one, loop, two, joints=["elbow"])["elbow"]
+    assert not elbow.effects and elbow.supposed.effect == "stribeck"
+    assert elbow.supposed.gain < 0.5
 
 
 def test_what_is_supposed_is_assumed_where_nothing_is_named(found):

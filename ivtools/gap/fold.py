@@ -20,6 +20,7 @@ from scipy import signal
 
 from ..linalg import fir
 from ..loop import ClosedLoop, Simulation
+from ..loop.mechanics import LIGHTEST
 from ..record import Record
 from .library import Scales
 from .response import Response
@@ -190,6 +191,13 @@ class Fold:
     def _felt(self) -> Array | None:
         """What the link feels along the record, (n_samples, 2)."""
         return None if self.link is None else self.link.on(self.record)
+
+    @cached_property
+    def least_link(self) -> float:
+        """Least mean inertia of a link, kg or kg m2: some of it goes in other poses."""
+        if self._felt is None:
+            return 0.0
+        return max(-float(np.min(self._felt[:, 1])), 0.0) / (1.0 - LIGHTEST)
 
     @cached_property
     def _unknown(self) -> tuple[Array, Array] | None:

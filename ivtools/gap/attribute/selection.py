@@ -28,6 +28,7 @@ from ..rules import (
     ENOUGH,
     LIKELY,
     MORE,
+    MOST,
     STANDARD_ERRORS,
     SUPERFLUOUS,
     TIE,
@@ -236,7 +237,7 @@ def attribute(
     found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws=laws)
     found = _withdrawn(sides, found)
     first = rounds[0].best if rounds else None
-    if found.named or first is None or np.min(first.gains) < rules.dominant.gain:
+    if found.named or first is None or first.removed < MOST * (cost(base) - 1.0):
         return found
     return replace(found, supposed=Supposed(first.name, first.fits[0].values, first.gain))
 

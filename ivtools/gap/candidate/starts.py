@@ -21,6 +21,7 @@ from ..rules import (
     GENERATIONS,
     HOPELESS,
     LARGE,
+    LEAST_CROWD,
     MUTATION,
     RECOMBINATION,
     SECOND_CROWD,
@@ -105,9 +106,9 @@ def _evolved(
     """Return the least cost in a box, of all folds together, and where it is.
 
     It begins with the best of the points that fill the box, two to the power of its dimensions and
-    `crowd`, and ends early where that is nothing better than no effect at all. A point that costs
-    more on one fold than any that the search keeps is not tried on the other, which can only add
-    to it.
+    `crowd`, or of `LEAST_CROWD`, and ends early where that is nothing better than no effect at all.
+    A point that costs more on one fold than any that the search keeps is not tried on the other,
+    which can only add to it.
     """
     most = [plain]
 
@@ -126,8 +127,9 @@ def _evolved(
             raise StopIteration
         most[0] = float(np.max(intermediate_result.population_energies))
 
+    power = max(box.dimensions + crowd, LEAST_CROWD)
     with ThreadPoolExecutor(2) as pool:
-        drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(box.dimensions + crowd)
+        drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(power)
         order = np.argsort(list(pool.map(cost, drawn)), kind="stable")
         found = differential_evolution(
             cost,
@@ -185,6 +187,8 @@ def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
         """Return the mean square of the whitened error."""
         if point is None:
             e = part.error(fit.loop, fit.values)
+        elif point.get("load_share", 1.0) * base["inertia"] < fold.least_link:
+            return float("inf")
         else:
             e = part.error(loop, {**base, **{f"{term.name}.{k}": v for k, v in point.items()}})
         return float(e @ e - np.sum((Q.T @ e) ** 2)) / len(e)
