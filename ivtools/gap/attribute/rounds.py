@@ -130,10 +130,11 @@ def play(
         What is tried.
     rules : Rules
     """
-    if rounds:  # most of what a name leaves is not much
-        rules = replace(rules, thorough=rules.steady)
     last = rounds[-1].best if rounds else None
     fits, held = (last.fits, last.held) if last else (base, base)
+    if rounds:  # most of what a name leaves is not much
+        rules = replace(rules, thorough=rules.steady)
+        rules = rules.at_floor if cost(held) < CLEAN else rules
     found = _screened(sides, fits, terms)
     removed = {t.name: t.removed for r in rounds for t in r.trials}
     seen = "flexibility" if all(s.scales.second_body for s in sides) else ""

@@ -93,11 +93,10 @@ class Begun:
 
     @property
     def places(self) -> dict[str, dict[str, float]]:
-        """Where the valleys of effects were found, if one of them got a name or is supposed."""
+        """Where the valleys of effects were found, if one of them got a name."""
         result = self.attributed[1]
         found = result.rounds[0].valleys if result.rounds else {}
-        there = {*result.named, *([result.supposed.effect] if result.supposed else [])}
-        return found if there & {*found} else {}
+        return found if any(name in result.named for name in found) else {}
 
     @property
     def left(self) -> float:
