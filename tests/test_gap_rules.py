@@ -119,6 +119,18 @@ def test_a_second_effect_is_looked_for_at_the_floor_too():
     assert gap.chi[1] < 0.95
 
 
+def test_at_the_floor_a_name_is_as_large_on_both_records(monkeypatch):
+    """Beside the swing of another joint's link a gap of 7 microrad had a name, else."""
+    asked = []
+    passes = Trial.passes
+    monkeypatch.setattr(Trial, "passes", lambda trial, r: asked.append(r) or passes(trial, r))
+    case = draw(Task("two", 6102, ("presliding", "spring")))
+    one, two = (iv.Record.from_dict(r) for r in case.records)
+    assert len(iv.diagnose(one, from_tables(case.axis.tables()), two).effects) == 2
+    agreed = {r.threshold(EFFECTS["backlash"]).agreement for r in asked}
+    assert agreed == {1.67, Rules().steady.agreement}
+
+
 def test_every_family_has_its_bar():
     rules = Rules()
     assert rules.threshold(EFFECTS["backlash"]) is rules.everywhere
