@@ -153,7 +153,7 @@ SAME_SIGNAL = 0.9
 #: Where the search for a second body begins that the law sees: whoever measures it has one that
 #: swings slowly and is heavy (physics: links and booms).
 BEHIND: dict[str, dict[str, tuple[float, ...]]] = {
-    "flexibility": {"frequency_hz": (2.5, 8.0, 25.0, 65.0), "load_share": (0.1, 0.35, 0.7)}
+    "flexibility": {"frequency_hz": (2.5, 8.0, 25.0, 65.0), "load_share": (0.1, 0.35, 0.8)}
 }
 #: The same where a load is known, which pulls at the second body: a link behind a gear, heavier
 #: than the drive or not, softer than a ball screw, and with friction in the drive (physics).

@@ -46,7 +46,8 @@ class Evidence:
         Share of the whole reducible gap that no law without a name is needed for: named effects
         remove it, or smooth laws of the state leave it as well.
     unlike : float
-        Share of its gain that no smooth law of the state could have, known or not; 0 to 1.
+        Share of its gain that no smooth law of the state could have, known or not; 0 to 1. What a
+        further sensor in the law has measured is no function of the state: 1.
     evenness : float
         How well the blocks of the records agree in its amplitude: 1 is as well as noise lets them.
     needed : bool

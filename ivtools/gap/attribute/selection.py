@@ -148,7 +148,8 @@ class Attribution:
     def proof(self, r: Round, trial: Trial) -> Evidence:
         """Return what speaks for one of the effects that were tried in a round."""
         others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
-        return evidence(trial, others, self.base, self.full or self.held, self._needed(trial))
+        found = evidence(trial, others, self.base, self.full or self.held, self._needed(trial))
+        return replace(found, unlike=1.0) if trial.name == r.measured else found
 
     def _needed(self, trial: Trial) -> bool:
         """Whether a force without a name is significantly worse without the effect of a trial.
