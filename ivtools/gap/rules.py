@@ -565,10 +565,10 @@ class Rules:
 
     @property
     def at_floor(self) -> Rules:
-        """What a name takes beside others that leave the floor: it agrees as a steady one does.
+        """What a name takes where hardly more than the floor is left: it agrees as a steady one.
 
-        Training: of 60 pairs the second names there agree within 1.14; a false one, beside the
-        swing of another joint's link, to 1.55.
+        Training: of 60 pairs the second names there agree within 1.14; two false ones, beside the
+        swing of another joint's link, to 1.5 and 1.55.
         """
 
         def agreed(least: Threshold) -> Threshold:

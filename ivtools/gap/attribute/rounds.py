@@ -134,7 +134,8 @@ def play(
     fits, held = (last.fits, last.held) if last else (base, base)
     if rounds:  # most of what a name leaves is not much
         rules = replace(rules, thorough=rules.steady)
-        rules = rules.at_floor if cost(held) < CLEAN else rules
+    if cost(held) < CLEAN:
+        rules = rules.at_floor
     found = _screened(sides, fits, terms)
     removed = {t.name: t.removed for r in rounds for t in r.trials}
     seen = "flexibility" if all(s.scales.second_body for s in sides) else ""
