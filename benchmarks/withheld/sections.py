@@ -14,14 +14,14 @@ from .suites import REAL
 
 #: Aims, as shares: of good answers per suite, and most spurious names.
 AIMS = {
-    "single": (0.95, 0.02),
-    "two": (0.80, 0.05),
+    "single": (0.99, 0.02),
+    "two": (0.95, 0.02),
     "none": (0.95, 0.0),
-    "bursts": (0.90, 0.0),
-    "outside": (0.95, 0.05),
-    "background": (0.80, 0.02),
+    "bursts": (0.92, 0.0),
+    "outside": (1.0, 0.0),
+    "background": (0.85, 0.02),
     "background, nothing hidden": (1.0, 0.0),
-    "clear": (0.80, 0.02),
+    "clear": (0.95, 0.02),
 }
 _AIM_OF = {"flexibility": 0.90, "backlash": 0.80}
 _VISIBLE = (0.0, 0.1, 0.15, 0.2, 0.3, 0.5, np.inf)

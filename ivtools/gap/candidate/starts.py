@@ -173,7 +173,8 @@ def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> li
 def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
     """Return the cost of a point on the worst stretch of a fold, the base tuned to first order.
 
-    That of no point is what there is without the effect.
+    That of no point is what there is without the effect; a link that would have no inertia left in
+    some pose costs infinitely much.
     """
     rows, settled = _worst(fold, fit.e)
     part = fold.stretch(rows.start, rows.stop)
