@@ -110,6 +110,16 @@ def test_a_second_mass_that_is_hardly_one_has_no_name(effect):
         assert Trial(EFFECTS[effect], (fit, fit), (), ()).inside == named
 
 
+def test_an_effect_that_does_nothing_is_not_what_helped():
+    """What was fitted anew beside it was: load friction of zero had a name beside a backlash."""
+    loop = iv.axes.emps().with_effect("load-friction").with_effect("drive-timing")
+    for effect, acting in (("load-friction", "ratio"), ("drive-timing", "lag")):
+        for size in (0.0, 1e-3):
+            values = loop.values({**BASE, f"{effect}.{acting}": size})
+            fit = SimpleNamespace(values=values, loop=loop)
+            assert Trial(EFFECTS[effect], (fit, fit), (), ()).acts == (size > 0.0)
+
+
 def test_a_second_effect_is_looked_for_at_the_floor_too():
     """The floor, learnt without either, has some of it: what the first one leaves is below 1."""
     case = draw(Task("two", 6102, ("presliding", "spring")))

@@ -389,7 +389,7 @@ def _fitted(
         pairs, units = _without_phase(effect, pairs), {**units, f"{effect}.amplitude": unit}
     pairs = {n: p for n, p in pairs.items() if p != (0.0, 0.0)}
     sizes = [n for n in pairs if n.endswith(".amplitude") or _linear(loop, n)] or list(pairs)
-    agree = _agree(np.array([pairs[n] for n in sizes]), rules)
+    agree = _agree(np.array([pairs[n] for n in sizes]), rules) if sizes else None
     short = {n: n.partition(".")[2] for n in pairs}
     return Replica(
         effect,

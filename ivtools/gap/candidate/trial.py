@@ -112,6 +112,13 @@ class Trial:
         return float(np.exp(np.max(np.abs(np.log(np.clip(self.amplitudes[:, 0], 1e-9, None))))))
 
     @property
+    def acts(self) -> bool:
+        """Whether it does anything, on either fold: else its gain is that of a fit gone on with."""
+        pairs = list(zip(self.term.names, self.term.parameters, strict=True))
+        sizes = [n for n, p in pairs if p.linear] or [n for n, _ in pairs]
+        return all(any(fit.values[n] != 0.0 for n in sizes) for fit in self.fits)
+
+    @property
     def inside(self) -> bool:
         """Whether no parameter is at a bound; 0 and 1 are the natural ends of a share.
 
@@ -174,7 +181,7 @@ class Trial:
         reached |= thorough and self._reaches(rules.thorough)
         dominates = bool(np.max(self.gains) >= rules.dominant.gain)
         reached |= dominates and self._reaches(rules.one_sided)
-        return enough and reached and self.inside and self.lowers and self.distinct
+        return enough and reached and self.acts and self.inside and self.lowers and self.distinct
 
     def _reaches(self, least: Threshold) -> bool:
         gain, t = np.min(self.gains), np.min(self.t)
