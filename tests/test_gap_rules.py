@@ -120,6 +120,16 @@ def test_an_effect_that_does_nothing_is_not_what_helped():
             assert Trial(EFFECTS[effect], (fit, fit), (), ()).acts == (size > 0.0)
 
 
+def test_a_law_of_the_speed_that_the_library_lacks_is_not_called_two_of_them():
+    """The first one comes to the floor, and the second made up for its form."""
+    case = draw(Task("outside", 6301, ("sqrt-viscous",)))
+    one, two = (iv.Record.from_dict(r) for r in case.records)
+    gap = iv.diagnose(one, from_tables(case.axis.tables()), two, without=["sqrt-viscous"])
+    assert gap.effects == ("polynomial-viscous",)  # its twin
+    of_speed = {name for name, term in EFFECTS.items() if term.of_speed}
+    assert of_speed == {"stribeck", "polynomial-viscous", "sqrt-viscous", "regularised-coulomb"}
+
+
 def test_a_second_effect_is_looked_for_at_the_floor_too():
     """The floor, learnt without either, has some of it: what the first one leaves is below 1."""
     case = draw(Task("two", 6102, ("presliding", "spring")))

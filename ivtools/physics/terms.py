@@ -175,16 +175,38 @@ class Term:
         """
         if self.law is None or self.search == "lines":
             return False
-        t = np.linspace(0.0, 1.0, 50)
-        motion = 0.3 * np.sin(7.0 * t), 2.1 * np.cos(7.0 * t), -14.7 * np.sin(7.0 * t)
         values = [float(np.clip(0.5, p.lower, p.upper)) for p in self.parameters]
+        return self._changes(values, q=0.1) or self._changes(values, later=1.0)
 
-        def along(q: float, later: float) -> NDArray[np.float64]:
-            """Return the force along the motion, from another place and time."""
-            return self.force(motion[0] + q, *motion[1:], values, 3.0 + np.sin(4.0 * t), t + later)
+    @cached_property
+    def of_speed(self) -> bool:
+        """Whether it is a law of the speed alone, the same in both directions.
 
-        here = along(0.0, 0.0)
-        return not all(np.allclose(here, x, equal_nan=True) for x in (along(0.1, 0.0), along(0, 1)))
+        Where what else it may have, as a drive that holds, is neutral.
+        """
+        if self.law is None or self.search == "lines":
+            return False
+        values = [0.5 if p.linear else p.neutral for p in self.parameters]
+        others = ({"q": 0.1}, {"later": 1.0}, {"ddq": 1.0}, {"tau": 6.0})
+        alone = not any(self._changes(values, **other) for other in others)
+        dq = np.linspace(-2.0, 2.0, 50)
+        force = self.force(0.0 * dq, dq, 0.0 * dq, values)
+        return alone and bool(force.any()) and np.allclose(force, -force[::-1])
+
+    def _changes(self, values: Iterable[float], later: float = 0.0, **more: float) -> bool:
+        """Whether the force along a small motion is another one later, or with more of a signal."""
+        t = np.linspace(0.0, 1.0, 50)
+        signals = {
+            "q": 0.3 * np.sin(7.0 * t),
+            "dq": 2.1 * np.cos(7.0 * t),
+            "ddq": -14.7 * np.sin(7.0 * t),
+            "tau": 3.0 + np.sin(4.0 * t),
+        }
+        here = self.force(**signals, values=values, t=t)
+        moved = {name: x + more.get(name, 0.0) for name, x in signals.items()}
+        return not np.allclose(
+            here, self.force(**moved, values=values, t=t + later), equal_nan=True
+        )
 
     def force(
         self,

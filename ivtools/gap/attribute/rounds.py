@@ -143,6 +143,8 @@ def play(
     similar = set().union(*(r.similar(rules.similar) for r in rounds))
     least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
     new = [t for t in trials if t.name not in similar or t.removed > least]
+    if cost(held) < ADEQUATE and any(r.best is not None and r.best.term.of_speed for r in rounds):
+        new = [t for t in new if not t.term.of_speed]  # the form of a law is never quite the axis's
     near = (1.0 - rules.equivalence_open) * _largest(new, rules)
     qualified = tuple(t for t in new if 0.0 < near <= t.gain and t.passes(rules))
     scores = tuple(
