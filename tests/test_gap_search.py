@@ -94,6 +94,7 @@ def test_what_dominates_one_record_may_show_little_in_the_other():
         closable=np.ones(2),
         t=np.array([500.0, 20.0]),
         disagreement=1.05,
+        acts=True,
         inside=True,
         lowers=True,
         distinct=True,

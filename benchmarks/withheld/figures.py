@@ -91,7 +91,7 @@ def power(table: pd.DataFrame) -> Figure:
     axes.set_xticks(LEVELS, [f"{x:g}" for x in LEVELS])
     axes.minorticks_off()
     axes.set(xlabel="whitened signature over the noise floor", ylabel="share named")
-    axes.legend(fontsize="x-small", ncols=2)
+    axes.legend(fontsize="x-small", ncols=2, loc="lower center", bbox_to_anchor=(0.5, 0.06))
     return figure
 
 
@@ -104,7 +104,8 @@ def visible(table: pd.DataFrame) -> Figure:
     for name in [s for s in _COLOURS if s in shares]:
         axes.bar(range(len(shares)), shares[name], bottom=left, color=_COLOURS[name], label=name)
         left += shares[name].to_numpy()
-    axes.set_xticks(range(len(shares)), [f"{b.left:g} to {b.right:g}" for b in shares.index])
+    ranges = [f"{b.left:g} to {b.right:g}" for b in shares.index[:-1]]
+    axes.set_xticks(range(len(shares)), [*ranges, f"above {shares.index[-1].left:g}"])
     axes.set(xlabel="signature over noise and background", ylabel="cases")
     axes.legend(fontsize="small")
     return figure
@@ -133,7 +134,7 @@ def reliability(found: Reliability) -> Figure:
     bars = np.array([found.rate - found.low, found.high - found.rate]).clip(0.0)
     axes.errorbar(found.p, found.rate, yerr=bars, fmt="k.-", capsize=2)
     for p, rate, n in zip(found.p, found.rate, found.count, strict=True):
-        axes.annotate(str(n), (p, rate), (4, -10), textcoords="offset points", fontsize=7)
-    axes.set(xlim=(0, 1.02), ylim=(0, 1.02), aspect="equal")
+        axes.annotate(f"{n} names", (p, rate), (-44, -3), textcoords="offset points", fontsize=7)
+    axes.set(xlim=(0.5, 1.02), ylim=(0.5, 1.02), aspect="equal")  # nothing less likely has a name
     axes.set(xlabel="stated probability", ylabel="share that was right")
     return figure
