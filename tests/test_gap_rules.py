@@ -140,7 +140,7 @@ def test_a_second_effect_is_looked_for_at_the_floor_too():
 
 
 def test_at_the_floor_a_name_is_as_large_on_both_records(monkeypatch):
-    """Beside the swing of another joint's link a gap of 7 microrad had a name, else."""
+    """Else a gap of 7 microrad has a name, beside the swing of another joint's link."""
     asked = []
     passes = Trial.passes
     monkeypatch.setattr(Trial, "passes", lambda trial, r: asked.append(r) or passes(trial, r))

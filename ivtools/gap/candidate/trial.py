@@ -113,7 +113,7 @@ class Trial:
 
     @property
     def acts(self) -> bool:
-        """Whether it does anything, on either fold: else its gain is that of a fit gone on with."""
+        """Whether it does anything, on both folds: else its gain is that of a fit gone on with."""
         pairs = list(zip(self.term.names, self.term.parameters, strict=True))
         sizes = [n for n, p in pairs if p.linear] or [n for n, _ in pairs]
         return all(any(fit.values[n] != 0.0 for n in sizes) for fit in self.fits)
