@@ -166,7 +166,7 @@ LINKED: dict[str, dict[str, tuple[float, ...]]] = {
     "backlash": {
         "gap": (1e-4, 1e-3, 1e-2),
         "contact_hz": (30.0, 120.0, 500.0),
-        "load_share": (0.1, 0.35, 0.85),
+        "load_share": (0.1, 0.35, 0.95),
         "load_friction": (0.0, 0.01, 0.1, 0.9),
     },
 }
@@ -372,6 +372,9 @@ LEAST_KNOTS, MOST_KNOTS = 8, 64
 #: Share of an effect that no smooth law could have from which none is behind its name; a line over
 #: position must have it (training).
 UNLIKE_SMOOTH = 0.5
+#: Share of a line's gain that smooth laws may add where there is nothing but the line (judgement:
+#: a curve that is no sine leaves more).
+EXACT = 0.01
 #: Block t value by which an effect periodic over position must do better than periodic friction,
 #: which is no effect (training: true ones reach 3, seeds 310 to 312).
 OTHER_WAVE_T = 1.0

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics import Term
-from ..discrepancy import a_line, other_waves, unlike_smooth
+from ..discrepancy import a_line, other_waves, smooth_rest, unlike_smooth
 from ..fit import Fit
 from ..fold import Fold, block_t
 from ..library import Scales
-from ..rules import OTHER_WAVE_T, UNLIKE_SMOOTH, Rules, Threshold
+from ..rules import EXACT, OTHER_WAVE_T, UNLIKE_SMOOTH, Rules, Threshold
 
 Array = NDArray[np.float64]
 
@@ -160,12 +160,17 @@ class Trial:
 
     @cached_property
     def distinct(self) -> bool:
-        """Whether a line over position is no smooth law of the state, and no other wave."""
+        """Whether a line over position is no smooth law of the state, and no other wave.
+
+        Of two or three periods a smooth law has most, and does not add a thing where they are the
+        line that they look like.
+        """
         if self.term.search != "lines":
             return True
         waves = other_waves(self.before, [f.values[f"{self.name}.period"] for f in self.held])
-        better = all(block_t(self._over(w)) > OTHER_WAVE_T for w in waves)
-        return better and self.unlike > UNLIKE_SMOOTH  # the latter costs more
+        if not all(block_t(self._over(w)) > OTHER_WAVE_T for w in waves):
+            return False
+        return self.unlike > UNLIKE_SMOOTH or smooth_rest(self.before, self.held) < EXACT
 
     def _over(self, errors: Sequence[Array]) -> Array:
         """Return by how much it does better than what leaves these errors, by block."""

@@ -5,7 +5,7 @@ discrepancy    the one that predicts held-out data best, described instead of na
 """
 
 from .discrepancy import Discrepancy, Laws, Spline, advantage, describe, fitted, least_t
-from .smooth import Basis, Columns, a_line, beside, other_waves, unlike_smooth
+from .smooth import Basis, Columns, a_line, beside, other_waves, smooth_rest, unlike_smooth
 
 __all__ = [
     "Basis",
@@ -20,5 +20,6 @@ __all__ = [
     "fitted",
     "least_t",
     "other_waves",
+    "smooth_rest",
     "unlike_smooth",
 ]

@@ -236,6 +236,11 @@ class Columns:
         told = energy > ALIKE * np.diag(whole)  # what the base has as well is rounding
         self.size = np.sqrt(np.where(told, energy, np.inf))
 
+    @property
+    def count(self) -> int:
+        """Number of columns that the base model does not have."""
+        return int(np.sum(np.isfinite(self.size)))
+
     def side(self, x: Array) -> Array:
         """Return the products with signals that are beside the base model already, (m + k, ...)."""
         return np.concatenate([self.shared.T @ x, self.own.T @ x])
@@ -275,13 +280,37 @@ def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
 
     def kept(b: Fit, a: Fit) -> float:
         """Return that of one fold."""
-        if b not in _IMITATIONS:
-            run = b.fold.simulate(b.loop, b.values)
-            _IMITATIONS[b] = Columns(b, b.fold.answers(Basis.of([run]).additive(run)))
         pair = beside(b, np.column_stack([b.e - a.e, b.e]))
-        return _explained(_IMITATIONS[b].left(pair)) / max(_explained(pair), 1e-300)
+        return _explained(_imitation(b).left(pair)) / max(_explained(pair), 1e-300)
 
     return min(threaded(kept, before, after))
+
+
+def smooth_rest(before: Sequence[Fit], after: Sequence[Fit]) -> float:
+    """Return how much smooth laws of the state add to an effect's gain at most, as a share of it.
+
+    Parameters
+    ----------
+    before, after : sequence of Fit
+        Without and with the effect, on each fold.
+    """
+
+    def added(b: Fit, a: Fit) -> float:
+        """Return that of one fold: what they take of the rest, and noise gives one a column."""
+        e = beside(b, a.e[:, None])
+        left, count = _imitation(b).left(e), _imitation(b).count
+        most = float(np.sum(e**2) - np.sum(left**2)) - count + 2.0 * np.sqrt(2.0 * count)
+        return most / max(float(b.e @ b.e - a.e @ a.e), 1e-300)
+
+    return max(threaded(added, before, after))
+
+
+def _imitation(b: Fit) -> Columns:
+    """Return what smooth laws of the state do to the error of a fit."""
+    if b not in _IMITATIONS:
+        run = b.fold.simulate(b.loop, b.values)
+        _IMITATIONS[b] = Columns(b, b.fold.answers(Basis.of([run]).additive(run)))
+    return _IMITATIONS[b]
 
 
 def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...errors import AxisError, EstimationError, IVToolsError
 from ...estimators.instrumental import IDIMIV
 from ...estimators.least_squares import IDIMWLS
+from ...linalg.columns import fir, projection
 from ...loop import ClosedLoop, RobotLoop
 from ...physics import find
 from ...problem import Problem
@@ -23,6 +24,7 @@ from ..diagnose import Begun, Task, begin, finish
 from ..diagnosis import Diagnosis
 from ..fit import of_effect
 from ..fold import Doubt, Link, threaded
+from ..floor import autoregression
 from ..rules import FAINT, POSES, ROUNDS, SMALL_SWING, SWING_IN, SWUNG
 from ..verdict import lowers
 from .behind import TWO_MASSES, Alone, follow
@@ -92,7 +94,8 @@ def diagnose_robot(
             say(f"joint {one.name}" + (", beside the other joints' effects" if again else ""))
             own = named[one.name].effects if one.name in named and better is not plain else ()
             found = one.diagnosed(loads if better is not plain else rigid, own, soft)
-            if _swing(found) > 0.0 and (again or found.effects):
+            first = any(e in TWO_MASSES for e in found.effects[:1])
+            if _swing(found) > 0.0 and (again or first):  # a later one may be another joint's swing
                 soft[one.name] = found
         last, named = named, {}
         for one in every:
@@ -189,7 +192,7 @@ class _Joint:
         if known is not None and under == self._begun_under:
             return known
         self._begun_under, begun = under, self._begin(loads, own, soft)
-        swung = _unforeseen(self.stiff) - _unforeseen(begun) if soft else 0.0
+        swung = _swung(self.stiff, begun) if soft else 0.0
         beside = {**(soft if swung > 0.0 else {}), **link}
         under = loads.fit, own, beside
         if known is not None and under == self._found_under:
@@ -277,16 +280,30 @@ def _doubt(joint: str, links: Links | None, part: Alone) -> Doubt:
     return (told if links is None else links.doubt(joint)).beside(record, answers)
 
 
-def _unforeseen(begun: Begun | Diagnosis) -> float:
-    """Return the energy, N2 or (N m)2, of what a rigid joint leaves; NaN where that is refused.
+def _swung(stiff: Begun | Diagnosis, begun: Begun | Diagnosis) -> float:
+    """Return how much energy a rigid joint leaves beyond the same one beside swinging links.
 
-    The unit of a whitened error is what is new in the joint's noise from sample to sample, and
-    another one where its load is another. What is less beside joints that have two masses was the
-    swing of their links.
+    In N2 or (N m)2; NaN where one of them is refused, and nothing where its error is the likelier
+    one. Each has a noise of its own, for that of the rigid one is learnt where links swing: what is
+    new in an error from sample to sample says which is likelier. How much more is left is judged by
+    the noise of the second, but for what its parameters may stand for.
     """
-    if isinstance(begun, Diagnosis):
+    if isinstance(stiff, Diagnosis) or isinstance(begun, Diagnosis):
         return float("nan")
-    return begun.left * _surprise(begun)
+    likelier, more = 0.0, 0.0
+    for rigid, beside in zip(stiff.measured, begun.measured, strict=True):
+        errors = [m.fold.force_error(m.base.loop, m.base.values) for m in (rigid, beside)]
+        new = [_new(e, beside.fold.keep) for e in errors]
+        likelier += float(np.log(new[0] / new[1]))
+        e = beside.fold.white(errors[0])
+        e -= projection(beside.base.J, e)
+        more += float(e @ e) / len(e) - beside.base.cost
+    return more / len(begun.measured) * _surprise(begun) if likelier > 0.0 else 0.0
+
+
+def _new(e: Array, keep: NDArray[np.bool_]) -> float:
+    """Return the energy of what is new in an error from sample to sample."""
+    return float(np.mean(fir(autoregression(e, keep), e)[keep] ** 2))
 
 
 def _surprise(diagnosis: Diagnosis | Begun) -> float:
