@@ -442,8 +442,8 @@ FAINT = 0.005
 #: Share of a link's force on a joint that the joint's own inertia and frictions do not have, below
 #: which it is theirs (numerics).
 OWN = 1e-3
-#: Share of what the swing of other joints' links takes from a joint's error to which it is known
-#: (training: it leaves 0.002 to 0.01 of it on joints that lack nothing).
+#: Share of what the swing of links, its own or other joints', takes from a joint's error to which
+#: it is known (training: it leaves 0.002 to 0.01 of it on joints that lack nothing).
 SWUNG = 0.0125
 #: Speed of a drive, of the largest, from which its forces tell what its link does (physics: below,
 #: stiction takes what it takes).

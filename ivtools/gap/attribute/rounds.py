@@ -17,7 +17,19 @@ from ...physics import EFFECTS, Term
 from ..candidate import Trial, attempt
 from ..fit import Fit, of_effect
 from ..fold import Fold, Side, threaded
-from ..rules import ADEQUATE, ALL_CLOSED, CLEAN, DRAWS, RIVAL, ROUGH, TIE, TWIN, WORTH_A_FIT, Rules
+from ..rules import (
+    ADEQUATE,
+    ALL_CLOSED,
+    CLEAN,
+    DRAWS,
+    RIVAL,
+    ROUGH,
+    SWUNG,
+    TIE,
+    TWIN,
+    WORTH_A_FIT,
+    Rules,
+)
 from ..screen import Score, screen
 from .evidence import cost
 
@@ -143,8 +155,12 @@ def play(
     similar = set().union(*(r.similar(rules.similar) for r in rounds))
     least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
     new = [t for t in trials if t.name not in similar or t.removed > least]
-    if cost(held) < ADEQUATE and any(r.best is not None and r.best.term.of_speed for r in rounds):
+    named = [r.best.term for r in rounds if r.best is not None]
+    if cost(held) < ADEQUATE and any(t.of_speed for t in named):
         new = [t for t in new if not t.term.of_speed]  # the form of a law is never quite the axis's
+    if sides[0].fold.link is not None and any(t.slot == "second mass" for t in named):
+        swing = SWUNG * (cost(base) - cost(held))  # of a link that is heavier in some poses
+        new = [t for t in new if t.removed > swing]
     near = (1.0 - rules.equivalence_open) * _largest(new, rules)
     qualified = tuple(t for t in new if 0.0 < near <= t.gain and t.passes(rules))
     scores = tuple(

@@ -23,8 +23,8 @@ from .. import response
 from ..diagnose import Begun, Task, begin, finish
 from ..diagnosis import Diagnosis
 from ..fit import of_effect
-from ..fold import Doubt, Link, threaded
 from ..floor import autoregression
+from ..fold import Doubt, Link, threaded
 from ..rules import FAINT, POSES, ROUNDS, SMALL_SWING, SWING_IN, SWUNG
 from ..verdict import lowers
 from .behind import TWO_MASSES, Alone, follow
