@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from robots import axis, plan, reference, six_loop, two_axes, two_joints
+from scipy import signal
 
 import ivtools as iv
 from benchmarks.withheld.robots import simulated, split
@@ -16,7 +17,7 @@ from ivtools.gap.attribute import Supposed, selection
 from ivtools.gap.candidate import starts
 from ivtools.gap.fit import gauss_newton
 from ivtools.gap.fold import Doubt, Fold, Link, usable
-from ivtools.gap.robot import alone, assumed, heard, identified, links
+from ivtools.gap.robot import alone, assumed, heard, identified, joints, links
 from ivtools.physics import EFFECTS
 
 
@@ -62,6 +63,40 @@ def test_a_name_that_other_joints_links_may_have_left_is_none(found):
     removed = (elbow.chi[0] - elbow.chi[1]) * unit
     assert heard(elbow, 0.9 * removed) is elbow
     assert not heard(elbow, 1.1 * removed).effects
+
+
+def test_the_likelier_error_has_less_that_is_new_from_sample_to_sample():
+    """Slow swings are most of an error's energy and little of what is new; jerks are new."""
+    rng = np.random.default_rng(1)
+    noise, keep = rng.standard_normal(8000), np.ones(8000, bool)
+    swing = signal.lfilter(*signal.iirpeak(8.0, 30.0, fs=1000.0), rng.standard_normal(8000))
+    swung = joints._new(noise + 20.0 * swing, keep)
+    assert joints._new(noise, keep) < 0.95 * swung
+    jerks = 20.0 * (rng.uniform(size=8000) < 0.01)
+    assert swung < joints._new(noise + jerks, keep)
+
+
+def test_a_joint_is_diagnosed_beside_a_link_that_swings_only_if_that_is_likelier():
+    """A rigid joint's noise is learnt where links swing, and nothing stands out from it."""
+    record = measured(two_loop(), 3, seconds=8.0)
+    fit, _ = identified(record, two_loop())
+    loads = joints._Loads.of(fit, [record], [None])
+    stiff = joints._begun(1, loads, {})
+    assert joints._swung(stiff, stiff) == 0.0
+    worse = replace(stiff, measured=tuple(shaken(m) for m in stiff.measured))
+    assert joints._swung(stiff, worse) == 0.0 < joints._swung(worse, stiff)
+
+
+def shaken(measured):
+    """Return a joint measured beside a load that swings, and is not there."""
+    fold = measured.fold
+    shocks = np.random.default_rng(2).standard_normal((fold.record.n_samples, 1))
+    swing = signal.lfilter(*signal.iirpeak(9.0, 5.0, fs=1000.0), shocks, axis=0)
+    more = 0.1 * np.ptp(fold.record.nu) * swing / np.std(swing)
+    load = (0.0 if fold.record.load is None else fold.record.load) + more
+    fold = replace(fold, record=fold.record.replace(load=load))
+    base = replace(measured.base, fold=fold)
+    return replace(measured, base=base, side=replace(measured.side, fold=fold))
 
 
 def test_the_other_joints_say_what_the_links_are():
@@ -169,8 +204,8 @@ def test_a_link_swings_behind_its_drive():
     theta = {**start, "inertia": 0.04, **{f"flexibility.{k}": v for k, v in values.items()}}
     soft = SimpleNamespace(effects=("flexibility",), theta=theta)
     errors = []
-    for joints in ({}, {"elbow": soft}):
-        shoulder = alone(0, record, fit, soft=joints)
+    for beside in ({}, {"elbow": soft}):
+        shoulder = alone(0, record, fit, soft=beside)
         sim = shoulder.loop.simulate(shoulder.record, shoulder.loop.start)
         errors.append(np.std((sim.tau - shoulder.loop.force(shoulder.record))[3000:]))
     assert errors[1] < 0.7 * errors[0], errors
@@ -276,8 +311,8 @@ def test_a_link_behind_a_gap_is_not_jerked_as_its_drive():
     theta = {**loop.axes[1].start, "inertia": 0.04, **values}
     gap = SimpleNamespace(effects=("backlash",), theta=theta)
     errors = []
-    for joints in ({}, {"elbow": gap}):
-        shoulder = alone(0, record, fit, soft=joints)
+    for beside in ({}, {"elbow": gap}):
+        shoulder = alone(0, record, fit, soft=beside)
         sim = shoulder.loop.simulate(shoulder.record, shoulder.loop.start)
         errors.append(np.std((sim.tau - shoulder.loop.force(shoulder.record))[500:]))
     assert errors[1] < 0.6 * errors[0]

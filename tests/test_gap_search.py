@@ -21,7 +21,7 @@ from ivtools.gap.quantify import _interval
 from ivtools.gap.rules import SWINGING, Rules
 from ivtools.linalg.swing import Swing, Swings
 from ivtools.loop.axis_file import from_tables
-from ivtools.physics import EFFECTS
+from ivtools.physics import EFFECTS, Parameter, Term
 
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 
@@ -368,6 +368,26 @@ def test_a_line_comes_at_least_twice():
     one, two = (moves.record(loop, theta, 16.0, s) for s in (1, 2))
     gap = iv.diagnose(one, iv.axes.emps(), two)
     assert not {"cogging", "torque-ripple", "encoder-eccentricity"} & {*gap.effects}
+
+
+def test_a_line_of_few_periods_that_leaves_nothing_is_one():
+    """A smooth law has most of it; a curve of the same period that is no sine is described."""
+
+    def curve(q, dq, ddq, sign, tau, t, size, bend):
+        return size * (np.sin(2.0 * np.pi * q / 0.09) + bend * np.cos(4.0 * np.pi * q / 0.09))
+
+    parameters = (Parameter("size", "{F}"), Parameter("bend", "1"))
+    term = Term("curve", "mechanics", parameters, "", "", law=curve)
+    found = []
+    for bend in (0.0, 0.15):
+        loop = iv.axes.emps().with_effect(term, size=4.6, bend=bend)
+        theta = BASE | {"curve.size": 4.6, "curve.bend": bend}
+        one, two = (moves.record(loop, theta, 16.0, s) for s in (101, 102))
+        found.append(iv.diagnose(one, iv.axes.emps(), two))
+    line, curved = found
+    assert line.effects == ("cogging",)
+    assert line.parameters["cogging"]["period"] == pytest.approx(0.09, rel=0.01)
+    assert curved.effects == () and curved.discrepancy is not None
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -19,13 +20,14 @@ from ...physics import find
 from ...problem import Problem
 from ...record import Record
 from ...results import FitResults
+from ...workers import one_blas_thread
 from .. import response
 from ..diagnose import Begun, Task, begin, finish
 from ..diagnosis import Diagnosis
 from ..fit import of_effect
 from ..floor import autoregression
 from ..fold import Doubt, Link, threaded
-from ..rules import FAINT, POSES, ROUNDS, SMALL_SWING, SWING_IN, SWUNG
+from ..rules import ADEQUATE, FAINT, POSES, ROUNDS, SMALL_SWING, SWING_IN, SWUNG
 from ..verdict import lowers
 from .behind import TWO_MASSES, Alone, follow
 from .diagnosis import Coupled, RobotDiagnosis
@@ -34,6 +36,7 @@ from .links import Links, measure
 Array = NDArray[np.float64]
 
 
+@one_blas_thread()
 def diagnose_robot(
     record: Record,
     loop: RobotLoop,
@@ -56,6 +59,8 @@ def diagnose_robot(
     A robot's joints have one mass each; the links behind a flexible joint, or one with backlash,
     swing as that joint by itself says. So the joint that leaves most goes first, and in the second
     round that with the largest gain; no joint is diagnosed again under loads that are the same.
+    Where a joint beside a swinging link is not explained, or swings as well, it may be the other
+    way round, and both orders are compared.
 
     Parameters
     ----------
@@ -83,26 +88,30 @@ def diagnose_robot(
     plain, notes = identified(record, loop)
     records = [one for one in (record, holdout) if one is not None]
     loads = rigid = _Loads.of(plain, records, [None] * len(records))
-    wanted = every = threaded(lambda j: _Joint(j, loop.joints[j], rigid, settings), numbers)
+    every = threaded(lambda j: _Joint(j, loop.joints[j], rigid, settings), numbers)
+    joints_by = {one.name: one for one in every}
+    wanted = list(joints_by)
     named: dict[str, Diagnosis] = {}
     better = plain
     for again in range(ROUNDS):
         if better is not plain:
             loads = _Loads.of(better, records, [loads.told[one] for one in records])
         soft: dict[str, Diagnosis] = {}
-        for one in sorted(wanted, key=lambda one: -one.turn):
-            say(f"joint {one.name}" + (", beside the other joints' effects" if again else ""))
-            own = named[one.name].effects if one.name in named and better is not plain else ()
-            found = one.diagnosed(loads if better is not plain else rigid, own, soft)
-            first = any(e in TWO_MASSES for e in found.effects[:1])
-            if _swing(found) > 0.0 and (again or first):  # a later one may be another joint's swing
-                soft[one.name] = found
+        for name in sorted(wanted, key=lambda name: -joints_by[name].turn):
+            one = joints_by[name]
+            say(f"joint {name}" + (", beside the other joints' effects" if again else ""))
+            own = named[name].effects if name in named and better is not plain else ()
+            one.diagnosed(loads if better is not plain else rigid, own, soft)
+            if not again:
+                joints_by |= _other_way_round(one, [joints_by[n] for n in soft], soft)
+            swinging = {n: joints_by[n].found for n in (*soft, name)}
+            soft = {n: d for n, d in swinging.items() if d is not None and _swings(d, again)}
         last, named = named, {}
-        for one in every:
+        for name, one in joints_by.items():
             assert one.found is not None
             told_of = one.found if again + 1 == ROUNDS else assumed(one.found)
             if told_of.effects:
-                named[one.name] = told_of
+                named[name] = told_of
         if plain.problem is None or _effects(named) == _effects(last):
             break
         fuller = with_effects(loop, named)
@@ -111,9 +120,9 @@ def diagnose_robot(
         else:
             better, more = identified(record, fuller, plain.problem.pipeline)
             notes = (*notes, *more)
-        wanted = [one for one in wanted if one.open]
-    by_name = {one.name: one.found for one in every if one.found is not None}
-    answers = {name: by_name[name] for name in loop.joints if name in by_name}
+        wanted = [name for name in wanted if joints_by[name].open]
+    found = {name: one.found for name, one in joints_by.items() if one.found is not None}
+    answers = {name: found[name] for name in loop.joints if name in found}
     say("the coupled simulation")
     other = record if holdout is None else holdout
     coupled = Coupled(*(errors(fit, other) for fit in (plain, better)))
@@ -155,6 +164,7 @@ class _Joint:
         self.found: Diagnosis | None = None
         self._begun_under: Any = None  # which loads: these very objects
         self._found_under: Any = None
+        self._leads = False  # before those that leave more
         self._places: Mapping[str, Any] = {}  # where its second mass was found
 
     @property
@@ -164,13 +174,27 @@ class _Joint:
         That is the energy that the rigid joint leaves, and later the gain of its two masses.
         """
         if self.found is not None:
-            return _swing(self.found)
+            return np.inf if self._leads else _swing(self.found)
         return self.stiff.left if isinstance(self.stiff, Begun) else 0.0
 
     @property
     def open(self) -> bool:
         """Whether links that are estimated with what is named may change what is said of it."""
         return self.found is not None and self.found.verdict != "adequate"
+
+    @property
+    def unsettled(self) -> bool:
+        """Whether what is said of it may be the swing of another joint's link, or lack it."""
+        assert self.found is not None
+        swings = any(e in TWO_MASSES for e in self.found.effects)
+        return swings or self.found.verdict in ("partial", "unexplained")
+
+    def first(self, leads: bool) -> _Joint:
+        """Return the same joint, of which nothing is said yet."""
+        one = copy(self)
+        one.found = one._begun_under = one._found_under = None
+        one._leads, one._places = leads, {}
+        return one
 
     def diagnosed(
         self, loads: _Loads, own: tuple[str, ...], soft: Mapping[str, Diagnosis]
@@ -211,6 +235,61 @@ class _Joint:
             return self.stiff
         settings = {**self.settings, "places": self._places}
         return _begun(self.j, loads, settings, own, beside)
+
+
+def _other_way_round(
+    one: _Joint, others: Sequence[_Joint], soft: Mapping[str, Diagnosis]
+) -> dict[str, _Joint]:
+    """Return two joints as they are diagnosed the other way round, if that explains more.
+
+    The link of either swings along with that of the other, and the one that leaves more by itself
+    need not be the one that is soft. Fewer names that leave fewer joints unexplained are the
+    better explanation, then the smaller force error of both.
+
+    Parameters
+    ----------
+    one : _Joint
+        Diagnosed beside the others.
+    others : sequence of _Joint
+        They have two masses.
+    soft : mapping of str to Diagnosis
+        What was found of those.
+    """
+    if not (one.unsettled and isinstance(one.stiff, Begun) and one.stiff.left > ADEQUATE):
+        return {}
+    first = one.first(leads=True)
+    for last in others[:1]:
+        beside = {n: d for n, d in soft.items() if n != last.name}
+        found = first.diagnosed(one.rigid, (), beside)
+        second = last.first(leads=False)
+        if _swings(found) and _better(
+            (found, second.diagnosed(one.rigid, (), {**beside, one.name: found})),
+            (last.found, one.found),
+        ):
+            return {one.name: first, last.name: second}
+    return {}
+
+
+def _better(these: Sequence[Diagnosis | None], those: Sequence[Diagnosis | None]) -> bool:
+    """Whether diagnoses of two joints explain more than others of the same, in any order."""
+
+    def rank(found: Sequence[Diagnosis | None]) -> tuple[int, float]:
+        """Return how much they take to explain what they do, and what they leave."""
+        some = [d for d in found if d is not None]
+        taken = sum(len(d.effects) + (d.verdict in ("partial", "unexplained")) for d in some)
+        return taken, float(np.prod([d.shrink.after if d.shrink else np.inf for d in some]))
+
+    return rank(these) < rank(those)
+
+
+def _swings(diagnosis: Diagnosis, again: int = 0) -> bool:
+    """Whether a joint's link swings, as far as others are to know.
+
+    What is supposed, or named after another effect, may be the swing of another joint's link: that
+    waits for the second round.
+    """
+    first = any(e in TWO_MASSES for e in diagnosis.effects[:1])
+    return _swing(diagnosis) > 0.0 and (first or again > 0)
 
 
 def assumed(diagnosis: Diagnosis) -> Diagnosis:
