@@ -18,7 +18,7 @@ from ivtools.gap.attribute import Supposed, selection
 from ivtools.gap.candidate import starts
 from ivtools.gap.fit import gauss_newton
 from ivtools.gap.fold import Doubt, Fold, Link, usable
-from ivtools.gap.robot import alone, assumed, heard, identified, joints, links
+from ivtools.gap.robot import alone, assumed, heard, identified, joint, links
 from ivtools.physics import EFFECTS
 
 
@@ -47,8 +47,8 @@ def test_a_robot_is_diagnosed_the_same_however_many_threads_linear_algebra_has(f
     true = loop.with_effect("elbow", "stribeck", force=0.15, speed=0.1, exponent=2.0)
     with threadpool_limits(2 if threads() == 1 else 1, "blas"):
         again = iv.diagnose_robot(measured(true, 1), loop, measured(true, 2))
-    for joint in loop.joints:
-        assert again[joint].theta == found[joint].theta
+    for name in loop.joints:
+        assert again[name].theta == found[name].theta
 
 
 def threads():
@@ -86,21 +86,21 @@ def test_the_likelier_error_has_less_that_is_new_from_sample_to_sample():
     rng = np.random.default_rng(1)
     noise, keep = rng.standard_normal(8000), np.ones(8000, bool)
     swing = signal.lfilter(*signal.iirpeak(8.0, 30.0, fs=1000.0), rng.standard_normal(8000))
-    swung = joints._new(noise + 20.0 * swing, keep)
-    assert joints._new(noise, keep) < 0.95 * swung
+    swung = joint._new(noise + 20.0 * swing, keep)
+    assert joint._new(noise, keep) < 0.95 * swung
     jerks = 20.0 * (rng.uniform(size=8000) < 0.01)
-    assert swung < joints._new(noise + jerks, keep)
+    assert swung < joint._new(noise + jerks, keep)
 
 
 def test_a_joint_is_diagnosed_beside_a_link_that_swings_only_if_that_is_likelier():
     """A rigid joint's noise is learnt where links swing, and nothing stands out from it."""
     record = measured(two_loop(), 3, seconds=8.0)
     fit, _ = identified(record, two_loop())
-    loads = joints._Loads.of(fit, [record], [None])
-    stiff = joints._begun(1, loads, {})
-    assert joints._swung(stiff, stiff) == 0.0
+    loads = joint.Loads.of(fit, [record], [None])
+    stiff = joint._begun(1, loads, {})
+    assert joint._swung(stiff, stiff) == 0.0
     worse = replace(stiff, measured=tuple(shaken(m) for m in stiff.measured))
-    assert joints._swung(stiff, worse) == 0.0 < joints._swung(worse, stiff)
+    assert joint._swung(stiff, worse) == 0.0 < joint._swung(worse, stiff)
 
 
 def shaken(measured):

@@ -1,12 +1,17 @@
 """Robot: n joints, diagnosed one by one.
 
 links        what the other joints say of the load that the links put on one of them
-joints       each joint in turn, and what was named in one in the load of the others
+alone        a joint as an axis, what its links ask of it as a known load
+behind       how a link moves that has a mass of its own behind its drive
+joint        one joint from round to round, beside what swings in the others
+joints       all joints in turn, the robot identified again with what was named
 diagnosis    the answers of all joints, and what they do to the whole
 """
 
+from .alone import alone
 from .diagnosis import RobotDiagnosis
-from .joints import alone, assumed, diagnose_robot, heard, identified
+from .joint import assumed, heard
+from .joints import diagnose_robot, identified
 
 __all__ = [
     "RobotDiagnosis",
