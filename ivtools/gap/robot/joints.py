@@ -78,25 +78,25 @@ def diagnose_robot(
     records = [one for one in (record, holdout) if one is not None]
     loads = rigid = Loads.of(plain, records, [None] * len(records))
     every = threaded(lambda j: Joint(j, loop.joints[j], rigid, settings), numbers)
-    joints_by = {one.name: one for one in every}
-    wanted = list(joints_by)
+    by_name = {one.name: one for one in every}
+    wanted = list(by_name)
     named: dict[str, Diagnosis] = {}
     better = plain
     for again in range(ROUNDS):
         if better is not plain:
             loads = Loads.of(better, records, [loads.told[one] for one in records])
         soft: dict[str, Diagnosis] = {}
-        for name in sorted(wanted, key=lambda name: -joints_by[name].turn):
-            one = joints_by[name]
+        for name in sorted(wanted, key=lambda name: -by_name[name].turn):
+            one = by_name[name]
             say(f"joint {name}" + (", beside the other joints' effects" if again else ""))
             own = named[name].effects if name in named and better is not plain else ()
             one.diagnosed(loads if better is not plain else rigid, own, soft)
             if not again:
-                joints_by |= other_way_round(one, [joints_by[n] for n in soft], soft)
-            swinging = {n: joints_by[n].found for n in (*soft, name)}
+                by_name |= other_way_round(one, [by_name[n] for n in soft], soft)
+            swinging = {n: by_name[n].found for n in (*soft, name)}
             soft = {n: d for n, d in swinging.items() if d is not None and swings(d, again)}
         last, named = named, {}
-        for name, one in joints_by.items():
+        for name, one in by_name.items():
             assert one.found is not None
             told_of = one.found if again + 1 == ROUNDS else assumed(one.found)
             if told_of.effects:
@@ -109,8 +109,8 @@ def diagnose_robot(
         else:
             better, more = identified(record, fuller, plain.problem.pipeline)
             notes = (*notes, *more)
-        wanted = [name for name in wanted if joints_by[name].open]
-    found = {name: one.found for name, one in joints_by.items() if one.found is not None}
+        wanted = [name for name in wanted if by_name[name].open]
+    found = {name: one.found for name, one in by_name.items() if one.found is not None}
     answers = {name: found[name] for name in loop.joints if name in found}
     say("the coupled simulation")
     other = record if holdout is None else holdout
