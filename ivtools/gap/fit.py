@@ -184,11 +184,15 @@ def jacobian(
 def _law_change(
     term: Term, name: str, values: Mapping[str, float], step: float, simulation: Simulation
 ) -> Array:
-    """Return the derivative of a force law along a simulated trajectory, (n_samples,)."""
+    """Return the derivative of a force law along a simulated trajectory, (n_samples,).
+
+    Not finite where the simulation has diverged.
+    """
     q, dq, ddq = simulation.where, simulation.dq[:, 0], simulation.ddq[:, 0]
     more = (simulation.tau[:, 0], simulation.t - simulation.t[0])
     now, then = ([values[n] + step * (n == name) * on for n in term.names] for on in (0, 1))
-    return (term.force(q, dq, ddq, then, *more) - term.force(q, dq, ddq, now, *more)) / step
+    with np.errstate(invalid="ignore", over="ignore"):
+        return (term.force(q, dq, ddq, then, *more) - term.force(q, dq, ddq, now, *more)) / step
 
 
 def common(fits: Sequence[Fit]) -> tuple[Fit, ...]:
