@@ -375,6 +375,8 @@ UNLIKE_SMOOTH = 0.5
 #: Share of a line's gain that smooth laws may add where there is nothing but the line (judgement:
 #: a curve that is no sine leaves more).
 EXACT = 0.01
+#: Standard deviations of chance that are granted to what such laws take (theory: 98 % of noise).
+CHANCE = 2.0
 #: Block t value by which an effect periodic over position must do better than periodic friction,
 #: which is no effect (training: true ones reach 3, seeds 310 to 312).
 OTHER_WAVE_T = 1.0

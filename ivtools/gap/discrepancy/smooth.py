@@ -21,6 +21,7 @@ from ..fold import threaded
 from ..rules import (
     ALIKE,
     BUMPS,
+    CHANCE,
     COARSE_KNOTS,
     COOLING,
     FORGETTING,
@@ -299,7 +300,7 @@ def smooth_rest(before: Sequence[Fit], after: Sequence[Fit]) -> float:
         """Return that of one fold: what they take of the rest, and noise gives one a column."""
         e = beside(b, a.e[:, None])
         left, count = _imitation(b).left(e), _imitation(b).count
-        most = float(np.sum(e**2) - np.sum(left**2)) - count + 2.0 * np.sqrt(2.0 * count)
+        most = float(np.sum(e**2) - np.sum(left**2)) - count + CHANCE * np.sqrt(2.0 * count)
         return most / max(float(b.e @ b.e - a.e @ a.e), 1e-300)
 
     return max(threaded(added, before, after))

@@ -90,8 +90,8 @@ class Joint:
         assert self.found is not None
         if isinstance(self.stiff, Diagnosis) or self.stiff.left < ADEQUATE:
             return False
-        swings = any(e in TWO_MASSES for e in self.found.effects)
-        return swings or self.found.verdict not in SETTLED
+        soft = any(e in TWO_MASSES for e in self.found.effects)
+        return soft or self.found.verdict not in SETTLED
 
     @property
     def beside(self) -> Mapping[str, Diagnosis]:
@@ -149,9 +149,7 @@ class Joint:
         return _begun(self.j, loads, settings, own, beside)
 
 
-def other_way_round(
-    one: Joint, others: Sequence[Joint], soft: Mapping[str, Diagnosis]
-) -> dict[str, Joint]:
+def other_way_round(one: Joint, others: Sequence[Joint]) -> dict[str, Joint]:
     """Return two joints as they are diagnosed the other way round, if that explains more.
 
     The link of either swings along with that of the other, and the one that leaves more by itself
@@ -164,13 +162,12 @@ def other_way_round(
         Diagnosed beside the others.
     others : sequence of Joint
         They have two masses; the first of them leaves most.
-    soft : mapping of str to Diagnosis
-        What was found of those.
     """
     last = next((other for other in others if other.name in one.beside), None)
     if last is None or not one.unsettled:
         return {}
-    beside = {n: d for n, d in soft.items() if n != last.name}
+    rest = (o for o in others if o is not last)
+    beside = {o.name: o.found for o in rest if o.found is not None}
     first, second = one.anew(leads=True), last.anew()
     found = first.diagnosed(one.rigid, (), beside)
     if not swings(found):

@@ -92,7 +92,7 @@ def diagnose_robot(
             own = named[name].effects if name in named and better is not plain else ()
             one.diagnosed(loads if better is not plain else rigid, own, soft)
             if not again:
-                by_name |= other_way_round(one, [by_name[n] for n in soft], soft)
+                by_name |= other_way_round(one, [by_name[n] for n in soft])
             swinging = {n: by_name[n].found for n in (*soft, name)}
             soft = {n: d for n, d in swinging.items() if d is not None and swings(d, again)}
         last, named = named, {}
