@@ -249,10 +249,9 @@ def test_a_step_of_two_masses_is_the_series_that_was_summed_before(effect, laws)
     loop = loop.with_effect(effect, load_share=0.3, load_friction=0.4, **shape)
     p, on, user = plant(loop, loop.values(THETA))
     integrator.plan(1e-3, 1, p, on)
-    assert p["summed"] and np.any(p["sums"][1])
     h, rng = 1e-3 / p["steps"], np.random.default_rng(0)
     for _ in range(200):
-        mode = (*rng.choice([-1.0, 0.0, 1.0], 2), rng.choice([-1.0, 0.0, 1.0]))
+        mode = (*rng.choice([-1.0, 1.0], 2), rng.choice([-1.0, 0.0, 1.0]))
         q, v = 1e-4 * rng.normal(size=2), 0.1 * np.array(mode[:2]) * rng.uniform(size=2)
         x, force = (q[0], v[0], q[1], v[1], 0.0), 50.0 * rng.normal()
         both = [
@@ -260,6 +259,32 @@ def test_a_step_of_two_masses_is_the_series_that_was_summed_before(effect, laws)
         ]
         np.testing.assert_allclose(both[0][0], both[1][0], rtol=1e-12, atol=1e-15)
         assert both[0][1] == both[1][1]
+    assert np.any(p["sums"][0, 1]) and not np.any(p["there"][1:])  # the load is what it is
+
+
+@pytest.mark.parametrize(("least", "error"), [(0.2, 0.0), (0.5, 1e-3), (0.9, 5e-5)])
+def test_a_step_with_a_load_that_varies_lies_between_those_of_loads_near_it(least, error):
+    """Where the loads for which series are summed lie near each other; else it sums its own."""
+    loop = axes.emps().with_effect("stribeck", **SIZES["stribeck"])
+    loop = loop.with_effect("backlash", load_share=0.3, gap=1e-4, contact_hz=300.0)
+    p, on, user = plant(loop, loop.values(THETA))
+    integrator.plan(1e-3, 1, p, on)
+    mean, h, rng = p["load"], 1e-3 / p["steps"], np.random.default_rng(0)
+    steps.spread(least * mean, 1.1 * mean, h, p)
+    found = []
+    for _ in range(200):
+        mode = (*rng.choice([-1.0, 1.0], 2), rng.choice([-1.0, 0.0, 1.0]))
+        q, v = 1e-4 * rng.normal(size=2), 0.1 * np.array(mode[:2]) * rng.uniform(size=2)
+        x, force = (q[0], v[0], q[1], v[1], 0.0), 50.0 * rng.normal()
+        steps.laden(mean * rng.uniform(least, 1.1), p)
+        near, exact = (
+            steps.two_masses(x, mode, h, force, 100.0, 0.0, p, on, user, span)[0]
+            for span in (1, -1)
+        )
+        off, moved = (np.abs(np.subtract(exact, y)[[1, 3]]).max() for y in (near, x))
+        found.append(off / moved)
+    assert (p["spacing"] > 0.0) == (error > 0.0) == (max(found) > 0.0)
+    assert np.quantile(found, 0.9) <= error
 
 
 @pytest.mark.parametrize("effect", ["backlash", "flexibility", "stribeck"])

@@ -283,6 +283,36 @@ class Fold:
             e = e - self._unknown[1]
         return self.white(e) if np.isfinite(e[-1]) else np.full(self.n_kept, DIVERGED)
 
+    def cost_beside(self, basis: Array) -> Callable[[ClosedLoop, Values], float]:
+        """Return a function of a loop and its values: what of the error some signals leave.
+
+        The mean square of the whitened error that no combination of them explains; inf where the
+        loop diverges.
+
+        Parameters
+        ----------
+        basis : ndarray, (n_kept, m)
+            The signals, orthonormal.
+        """
+        rows = basis
+        if self.doubt is not None:
+            doubted, shares, _ = self._doubted
+            rows = np.column_stack(
+                [self._discounted(basis), doubted * np.sqrt(shares * (2.0 - shares))]
+            )
+        rows = np.ascontiguousarray(rows.T)
+
+        def cost(loop: ClosedLoop, values: Values) -> float:
+            """Return it without the discounted error, which is as long as the record."""
+            e = self.gap(loop, self.simulate(loop, values))
+            if not np.isfinite(e[-1]):
+                return float("inf")
+            white = self._white(e if self._unknown is None else e - self._unknown[1])
+            parts = rows @ white
+            return float(white @ white - parts @ parts) / len(white)
+
+        return cost
+
     def only(self, keep: Mask, label: str) -> Fold:
         """Return the fold of those of its samples that are kept."""
         return replace(self, keep=self.keep & keep, label=label)

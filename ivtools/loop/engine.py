@@ -28,6 +28,7 @@ _LONGEST_DELAY = 10.0  # s
 _BEGINNING = 0.3  # s that tell in which state a law began a record
 _START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
 _START_TIME = 0.021  # s; where they last longer, through fewer
+_AS_HEAVY = 1e-12  # of the inertia: a link that varies by less is as heavy in every pose
 _FEWER, _BENT = (20, 14, 10, 7, 5, 4), 2.0  # until it leaves no more than so much of the noise
 
 
@@ -133,7 +134,7 @@ def simulate(
         (at := _noise("place", place, n)),
         _noise("position_noise", position_noise, n),
         _noise("force_noise", force_noise, n),
-        *_links(loop, record, link),
+        *_links(record, link, values["inertia"]),
         float(quantum),
         *law[1:],
         *plant(loop, values, general=ramp, stiction=stiction),
@@ -290,13 +291,13 @@ def _rigid(loop: ClosedLoop, values: Mapping[str, float], dt: float) -> dict[str
     return {n: min(values[n], p.rigid / dt) for n, p in both if p.rigid < np.inf}
 
 
-def _links(loop: ClosedLoop, record: Record, link: ArrayLike | None) -> tuple[Array, Array]:
+def _links(record: Record, link: ArrayLike | None, inertia: float) -> tuple[Array, Array]:
     """Return the known load, and what the last mass has more, (n_samples,) each or empty."""
-    if link is not None:
-        pull, more = np.asarray(link, dtype=float).T
-        return np.ascontiguousarray(pull), np.ascontiguousarray(more)
-    load = np.zeros(0) if record.load is None else _column(record.load, record.n_samples)
-    return load, np.zeros(0)
+    if link is None:
+        load = np.zeros(0) if record.load is None else _column(record.load, record.n_samples)
+        return load, np.zeros(0)
+    load, more = (np.ascontiguousarray(x) for x in np.asarray(link, dtype=float).T)
+    return load, more if np.max(np.abs(more)) > _AS_HEAVY * inertia else np.zeros(0)
 
 
 def _noise(name: str, noise: ArrayLike | None, n: int) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from ..compiled import compiled, inlined
 from ..physics.transmission import contact, contact_margin
 from .mechanics import derive, link_force, load_net, motor_net
-from .steps import glide, glided, one_mass, one_mass_step, phi, runge_kutta, sum_up, two_masses
+from .steps import forget, glide, glided, one_mass, one_mass_step, phi, runge_kutta, two_masses
 
 _MAX_EVENTS = 8
 _INSIDE = np.inf  # margin of what cannot happen
@@ -44,8 +44,6 @@ def _pace(span, length, dt, p, on):
     first = last = decay = 0.0
     if on["drive-timing"] and p["drive-timing.lag"] > 0.0:
         first, last, decay = lagging(h / p["drive-timing.lag"])
-    if on["two"] and steps:
-        sum_up(span, h, p)
     return Pace(steps, h, glide(1.0, h, p), glide(-1.0, h, p), first, last, decay, span)
 
 
@@ -74,8 +72,29 @@ def plan(dt, n, p, on):
     """Derive what the integrator needs; return the pace before and after the drive's delay."""
     derive(dt, n if on["effects"] else 1, p, on)  # a rigid axis is exact in one step
     first = drive_delay(dt, p, on)[1] * dt
-    p["summed"] = 1
+    if on["two"]:
+        forget(p)
     return _pace(0, first, dt, p, on), _pace(1, dt - first, dt, p, on)
+
+
+@compiled
+def heavier(inertia, planned, dt, n, p, on):
+    """Plan again for one mass with another inertia: its steps are as long, and it glides on less.
+
+    The bristle of one decides how long its steps are.
+    """
+    p["inertia"] = p["motor"] = inertia
+    if on["presliding"]:
+        return plan(dt, n, p, on)
+    return _glides_on(planned[0], p), _glides_on(planned[1], p)
+
+
+@compiled
+def _glides_on(pace, p):
+    steps, h, _, _, first, last, decay, span = pace
+    if steps == 0:
+        return pace
+    return Pace(steps, h, glide(1.0, h, p), glide(-1.0, h, p), first, last, decay, span)
 
 
 # --- modes: directions of motion, and the side of contact --------------------------------------

@@ -14,8 +14,9 @@ from numba import boolean, float64, from_dtype, int64, types, void
 
 from ..compiled import cached, compiled
 from ..physics.sensor import encoder
-from .integrator import drive_delay, plan, plant_step, rigid_step
+from .integrator import drive_delay, heavier, plan, plant_step, rigid_step
 from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW, held_link, with_swing
+from .steps import laden, spread
 
 
 @compiled
@@ -148,7 +149,9 @@ def run(
     x, rigid, pace, shift = (q, v, q, v, 0.0), not on["effects"], planned[1], p["shift"]
     mean, single = p["load"], p["inertia"]
     if swing.size and on["two"]:
-        p["load"], p["summed"] = with_swing(mean, swing[0]), 0  # it varies
+        least, most = with_swing(mean, np.min(swing)), with_swing(mean, np.max(swing))
+        spread(least, most, max(planned[0].h, planned[1].h), p)
+        laden(with_swing(mean, swing[0]), p)
     if load.size and on["two"]:
         x = (q, v, held_link(q, v, a_start, load[0], p, on, user), v, 0.0)
     for k in range(samples):
@@ -175,11 +178,10 @@ def run(
         if load.size:
             pulled = load[k]
             if swing.size and not on["two"]:
-                p["inertia"] = with_swing(single, swing[k])
-                planned = plan(dt, n, p, on)
+                planned = heavier(with_swing(single, swing[k]), planned, dt, n, p, on)
                 pace = planned[1]
             elif swing.size:
-                p["load"] = with_swing(mean, swing[k])
+                laden(with_swing(mean, swing[k]), p)
                 grows = (with_swing(mean, swing[min(k + 1, samples - 1)]) - p["load"]) / dt
                 pulled += grows * (x[3] - x[1])
             outside -= pulled

@@ -26,13 +26,18 @@ OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user'
 # the position, and the force from outside in what is given as tau, which no drive transmits
 _DERIVED = ("motor", "load", "share", "shift", "k", "c", "gap", "bristle", "apart", "outside")
 _NAMES = (*(n for t in TERMS.values() for n in t.names), "gain", "delay", *OWN, *_DERIVED)
-# integration steps per sample, terms of the series of a vibration, whether its sums hold: those of
-# `steps.sum_up` before and after the drive's delay, by directions of motor and load, and by whether
-# they touch
-_SUMS = ("sums", float, (2, 3, 3, 2, 8, 5))
+# integration steps per sample, terms of the series of a vibration, and the node at hand: loads for
+# which series are summed up, evenly over 1 / load from `lightness` on by `spacing`, which is
+# negative where they are too few, and how far the load is from it towards the next one
+LOADS = 17
+_COUNTS = (("steps", np.int64), ("terms", np.int64), ("node", np.int64))
+_NODES = ("lightness", "spacing", "onwards")
+# sums of `steps.sum_up`, and whether they are there: by load, before and after the drive's delay,
+# by whether motor and load move ahead, and by whether they touch
+_MODES = (LOADS, 2, 2, 2, 2)
+_SUMS = (("sums", float, (*_MODES, 8, 5)), ("there", np.int8, _MODES))
 _LINES = ("lines", float, (3, 2))  # plain friction of two masses by direction, see `plain_line`
-_COUNTS = (("steps", np.int64), ("terms", np.int64), ("summed", np.int64))
-PARAMETERS = np.dtype([*((n, float) for n in _NAMES), *_COUNTS, _SUMS, _LINES])
+PARAMETERS = np.dtype([*((n, float) for n in (*_NAMES, *_NODES)), *_COUNTS, *_SUMS, _LINES])
 FLAGS = np.dtype([("laws", np.int64), *((name, bool) for name in (*TERMS, *_SWITCHES))])
 
 _ALWAYS = ("viscous", "coulomb", "asymmetric-friction", "offset")

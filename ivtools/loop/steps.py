@@ -20,9 +20,12 @@ import numpy as np
 
 from ..compiled import compiled, inlined
 from ..physics.friction import bristle_deflection, bristle_rate
-from .mechanics import extra_resistance, friction_level, link_force, plain_line, rates
+from .mechanics import LOADS, extra_resistance, friction_level, link_force, plain_line, rates
 
 _LATE = 2.0 / 3.0
+_NEAR = (
+    0.3  # of the spring's pull and the damper's over a step, as squares of an angle: loads apart
+)
 
 
 @inlined
@@ -174,45 +177,101 @@ def _vibration(x, h, a1, a2, jerk, mode, slopes, p):
 
 
 @compiled
-def sum_up(span, h, p):
-    """Sum the series of two masses over h in every mode, once for all steps of this length.
+def forget(p):
+    """Begin with no sums, for a load that stays as it is."""
+    p["lightness"], p["spacing"], p["node"], p["onwards"] = 1.0 / p["load"], 0.0, 0, 0.0
+    p["there"][:] = 0
+
+
+@compiled
+def spread(least, most, h, p):
+    """Choose loads from the least to the most for which series are summed up, over h at most."""
+    p["lightness"] = 1.0 / most
+    p["spacing"] = (1.0 / least - 1.0 / most) / (LOADS - 1)
+    if p["spacing"] * h * (h * p["k"] + p["c"]) > _NEAR:
+        p["spacing"] = -1.0  # too few of them: each step sums its own
+
+
+@inlined
+def laden(load, p):
+    """Take another load, between two of those for which series are summed up.
+
+    Between them the sums are straight lines over 1 / load, on which they depend smoothly. What they
+    are applied to, the accelerations at the start, is that of the load itself.
+    """
+    p["load"] = load
+    if p["spacing"] > 0.0:
+        nodes = (1.0 / load - p["lightness"]) / p["spacing"]
+        p["node"] = min(int(nodes), LOADS - 2)
+        p["onwards"] = nodes - p["node"]
+
+
+@compiled
+def sum_up(node, span, s1, s2, touching, h, p):
+    """Sum the series of two moving masses over h, once for all steps of its length.
 
     The series is linear in both velocities and accelerations and the motor's jerk at the start, so
     it is a matrix of five columns: of the ways of both, what their velocities gain, and the same
     late in the step.
     """
-    x, lines = np.zeros(5), p["lines"]
-    for i in range(3):
-        for j in range(3):
-            for touching in range(2):
-                mode = i - 1.0, j - 1.0, float(touching)
-                sums = p["sums"][span, i, j, touching]
-                for column in range(5):
-                    x[:] = 0.0
-                    x[column] = 1.0
-                    state = 0.0, x[0], 0.0, x[1], 0.0
-                    end, late = _vibration(
-                        state, h, x[2], x[3], x[4], mode, (lines[i, 1], lines[j, 1]), p
-                    )
-                    for row in range(4):
-                        sums[row, column] = end[row]
-                        sums[4 + row, column] = late[row]
+    i, j, lines = 1 if s1 > 0.0 else 0, 1 if s2 > 0.0 else 0, p["lines"]
+    mode, slopes = (s1, s2, float(touching)), (lines[_place(s1), 1], lines[_place(s2), 1])
+    load, unit, sums = p["load"], np.zeros(5), p["sums"][node, span, i, j, touching]
+    p["load"] = 1.0 / (p["lightness"] + node * p["spacing"])
+    for column in range(5):
+        unit[:] = 0.0
+        unit[column] = 1.0
+        x = 0.0, unit[0], 0.0, unit[1], 0.0
+        end, late = _vibration(x, h, unit[2], unit[3], unit[4], mode, slopes, p)
+        for row in range(4):
+            sums[row, column] = end[row]
+            sums[4 + row, column] = late[row]
+    p["load"], p["there"][node, span, i, j, touching] = load, 1
 
 
 @inlined
-def _sum(row, sums, v1, v2, a1, a2, jerk):
-    """Return one of the sums that `sum_up` has prepared."""
+def _sums(node, span, s1, s2, touching, h, p):
+    """Return the sums of `sum_up`."""
+    i, j = 1 if s1 > 0.0 else 0, 1 if s2 > 0.0 else 0
+    if not p["there"][node, span, i, j, touching]:
+        sum_up(node, span, s1, s2, touching, h, p)
+    return p["sums"][node, span, i, j, touching]
+
+
+@inlined
+def _row(row, sums, v1, v2, a1, a2, jerk):
+    """Return one of the sums."""
     return (
         sums[row, 0] * v1 + sums[row, 1] * v2
         + (sums[row, 2] * a1 + sums[row, 3] * a2) + sums[row, 4] * jerk
     )  # fmt: skip
 
 
+@inlined
+def _moved(x, row, sums, a1, a2, jerk):
+    """Return the state to which the sums from this row on lead."""
+    q1, v1, q2, v2, z = x
+    return (
+        q1 + _row(row, sums, v1, v2, a1, a2, jerk),
+        _row(row + 1, sums, v1, v2, a1, a2, jerk),
+        q2 + _row(row + 2, sums, v1, v2, a1, a2, jerk),
+        _row(row + 3, sums, v1, v2, a1, a2, jerk),
+        z,
+    )
+
+
+@inlined
+def _towards(x, y, share):
+    """Return the state that lies this share of the way from x to y."""
+    return _shift(x, share, (y[0] - x[0], y[1] - x[1], y[2] - x[2], y[3] - x[3], y[4] - x[4]))
+
+
 @compiled
 def two_masses(x, mode, h, tau, rise, t, p, on, user, span=-1):
     """Move two masses; also return the motor's acceleration at the start.
 
-    Over one of the `span` lengths for which the series is summed up, or any other.
+    Over one of the two `span` lengths of a sample, for which series are summed up where both move,
+    or any other.
     """
     s1, s2, side = mode
     w1, w2 = _weights(s1, s2, p)
@@ -225,25 +284,20 @@ def two_masses(x, mode, h, tau, rise, t, p, on, user, span=-1):
     a1 = w1 * (tau - link - own * (level1 + slope1 * x[1]) - f1 - p["shift"])
     a2 = w2 * (link - p["share"] * (level2 + slope2 * x[3]) - f2 + p["shift"])
     jerk, middle = w1 * rise * h, (0.0, 0.0, 0.0, 0.0)
-    if span >= 0 and p["summed"]:
-        sums = p["sums"][span, i, j, 1 if side != 0.0 else 0]
-        v1, v2 = x[1], x[3]
-        y = (
-            x[0] + _sum(0, sums, v1, v2, a1, a2, jerk),
-            _sum(1, sums, v1, v2, a1, a2, jerk),
-            x[2] + _sum(2, sums, v1, v2, a1, a2, jerk),
-            _sum(3, sums, v1, v2, a1, a2, jerk),
-            x[4],
-        )
-        if on["beyond"]:
-            middle = (
-                x[0] + _sum(4, sums, v1, v2, a1, a2, jerk),
-                _sum(5, sums, v1, v2, a1, a2, jerk),
-                x[2] + _sum(6, sums, v1, v2, a1, a2, jerk),
-                _sum(7, sums, v1, v2, a1, a2, jerk),
-            )
-    else:
+    if span < 0 or p["spacing"] < 0.0:
         y, middle = _vibration(x, h, a1, a2, jerk, mode, (slope1, slope2), p)
+    else:
+        touching, onwards = 1 if side != 0.0 else 0, p["onwards"]
+        sums = _sums(p["node"], span, s1, s2, touching, h, p)
+        y = _moved(x, 0, sums, a1, a2, jerk)
+        if onwards > 0.0:
+            more = _sums(p["node"] + 1, span, s1, s2, touching, h, p)
+            y = _towards(y, _moved(x, 0, more, a1, a2, jerk), onwards)
+        if on["beyond"]:
+            late = _moved(x, 4, sums, a1, a2, jerk)
+            if onwards > 0.0:
+                late = _towards(late, _moved(x, 4, more, a1, a2, jerk), onwards)
+            middle = late[0], late[1], late[2], late[3]
     if not on["beyond"]:
         return y, a1
     later = _LATE * h

@@ -178,7 +178,7 @@ BACKLASH = Term(
             neutral=150.0,
             scale="one",
             scan=(100.0, 500.0),
-            rigid=1.0,
+            rigid=0.5,
         ),
         Parameter(
             "damping",

@@ -91,22 +91,28 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list
     plain, known = sum(rigid), dict(sides[0].places.get(term.name, {}))
     if known and sum(c(known) for c in costs) < HOPELESS * plain:
         return [known]
-    boxes, cost, best = Box.of(term, sides[0].scales), np.inf, Point()
-    large = plain > LARGE * len(sides)
-    for crowd in (FIRST_CROWD, SECOND_CROWD)[: 1 + large]:  # a valley may lie between few points
-        if cost > HOPELESS * plain:
-            found = (_evolved(costs, plain, box, crowd) for box in boxes)
-            cost, best = min(found, key=lambda pair: pair[0])
+    boxes = Box.of(term, sides[0].scales)
+    found = [_evolved(costs, plain, box, _power(box, FIRST_CROWD)) for box in boxes]
+    cost, best = min(found, key=lambda pair: pair[0])
+    if cost > HOPELESS * plain > HOPELESS * LARGE * len(sides):  # it may lie between few points
+        wider = [box for box in boxes if _power(box, SECOND_CROWD) > _power(box, FIRST_CROWD)]
+        found += [_evolved(costs, plain, box, _power(box, SECOND_CROWD)) for box in wider]
+        cost, best = min(found, key=lambda pair: pair[0])
     return [best] if cost <= plain else []
 
 
+def _power(box: Box, crowd: int) -> int:
+    """Return the power of two of points that fill a box before a search in it."""
+    return max(box.dimensions + crowd, LEAST_CROWD)
+
+
 def _evolved(
-    costs: Sequence[Callable[[Point | None], float]], plain: float, box: Box, crowd: int
+    costs: Sequence[Callable[[Point | None], float]], plain: float, box: Box, power: int
 ) -> tuple[float, Point]:
     """Return the least cost in a box, of all folds together, and where it is.
 
-    It begins with the best of the points that fill the box, two to the power of its dimensions and
-    `crowd`, or of `LEAST_CROWD`, and ends early where that is nothing better than no effect at all.
+    It begins with the best of the points that fill the box, so many as two to that `power`, and
+    ends early where they are nothing better than no effect at all.
     A point that costs more on one fold than any that the search keeps is not tried on the other,
     which can only add to it.
     """
@@ -127,7 +133,6 @@ def _evolved(
             raise StopIteration
         most[0] = float(np.max(intermediate_result.population_energies))
 
-    power = max(box.dimensions + crowd, LEAST_CROWD)
     with ThreadPoolExecutor(2) as pool:
         drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(power)
         order = np.argsort(list(pool.map(cost, drawn)), kind="stable")
@@ -181,18 +186,16 @@ def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
     part = part.only(np.arange(rows.start, rows.stop) >= settled, fold.label)
     J = fit.J[np.sum(fold.keep[:settled]) :][: part.n_kept]
     Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0]
-    loop = fit.loop.with_effect(term)
+    left, loop = part.cost_beside(Q), fit.loop.with_effect(term)
     base = loop.values(beginning(fit, term))
 
     def cost(point: Point | None) -> float:
         """Return the mean square of the whitened error."""
         if point is None:
-            e = part.error(fit.loop, fit.values)
-        elif point.get("load_share", 1.0) * base["inertia"] < fold.least_link:
+            return left(fit.loop, fit.values)
+        if point.get("load_share", 1.0) * base["inertia"] < fold.least_link:
             return float("inf")
-        else:
-            e = part.error(loop, {**base, **{f"{term.name}.{k}": v for k, v in point.items()}})
-        return float(e @ e - np.sum((Q.T @ e) ** 2)) / len(e)
+        return left(loop, {**base, **{f"{term.name}.{k}": v for k, v in point.items()}})
 
     return cost
 
