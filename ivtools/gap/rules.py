@@ -370,7 +370,8 @@ POSITION_KNOTS = 16
 #: whether they are a line (judgement), and at most, of bumps as short as a period (numerics).
 LEAST_KNOTS, MOST_KNOTS = 8, 64
 #: Share of an effect that no smooth law could have from which none is behind its name; a line over
-#: position must have it (training).
+#: position must have it of all that smooth laws and the line remove (training: 0.51 to 0.86 of ten
+#: lines beside a real background or a force without a name, 0.30 to 0.51 of four that were bumps).
 UNLIKE_SMOOTH = 0.5
 #: Share of a line's gain that smooth laws may add where there is nothing but the line (judgement:
 #: a curve that is no sine leaves more).
@@ -544,6 +545,9 @@ class Rules:
         Least share of the whole gap that an effect similar to a named one removes.
     search_left : float
         Least share of what is left that makes another search for valleys worth while.
+    swing : float
+        Share of what all names removed that one more removes at least beside a second mass: the
+        link of a robot is heavier in some poses (`SWUNG`), that of a single axis is not.
     samples : int
         Of each record that are diagnosed at most, where it moves most (numerics: 200,000 take a
         minute and 4 GB; judgement: 20 s of a fast controller's log).
@@ -566,6 +570,7 @@ class Rules:
     similar: float = 0.5
     beside_similar: float = 0.05
     search_left: float = 0.5
+    swing: float = 0.0
     samples: int = 200_000
 
     @property

@@ -24,7 +24,6 @@ from ..rules import (
     DRAWS,
     RIVAL,
     ROUGH,
-    SWUNG,
     TIE,
     TWIN,
     WORTH_A_FIT,
@@ -158,9 +157,8 @@ def play(
     named = [r.best.term for r in rounds if r.best is not None]
     if cost(held) < ADEQUATE and any(t.of_speed for t in named):
         new = [t for t in new if not t.term.of_speed]  # the form of a law is never quite the axis's
-    if sides[0].fold.link is not None and any(t.slot == "second mass" for t in named):
-        swing = SWUNG * (cost(base) - cost(held))  # of a link that is heavier in some poses
-        new = [t for t in new if t.removed > swing]
+    if any(t.slot == "second mass" for t in named):
+        new = [t for t in new if t.removed > rules.swing * (cost(base) - cost(held))]
     near = (1.0 - rules.equivalence_open) * _largest(new, rules)
     qualified = tuple(t for t in new if 0.0 < near <= t.gain and t.passes(rules))
     scores = tuple(

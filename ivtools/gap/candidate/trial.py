@@ -162,15 +162,17 @@ class Trial:
     def distinct(self) -> bool:
         """Whether a line over position is no smooth law of the state, and no other wave.
 
-        Of two or three periods a smooth law has most, and does not add a thing where they are the
-        line that they look like.
+        Most of what it and smooth laws remove together must be what only the line can: bumps look
+        like one where they are many, and leave most of themselves. Of two or three periods a smooth
+        law has most, and does not add a thing where they are the line that they look like.
         """
         if self.term.search != "lines":
             return True
         waves = other_waves(self.before, [f.values[f"{self.name}.period"] for f in self.held])
         if not all(block_t(self._over(w)) > OTHER_WAVE_T for w in waves):
             return False
-        return self.unlike > UNLIKE_SMOOTH or smooth_rest(self.before, self.held) < EXACT
+        rest = max(smooth_rest(self.before, self.held), 0.0)
+        return self.unlike > UNLIKE_SMOOTH * (1.0 + rest) or rest < EXACT
 
     def _over(self, errors: Sequence[Array]) -> Array:
         """Return by how much it does better than what leaves these errors, by block."""

@@ -19,7 +19,7 @@ from ..diagnosis import Diagnosis
 from ..fit import of_effect
 from ..floor import autoregression
 from ..fold import Doubt, Link, threaded
-from ..rules import ADEQUATE, FAINT, SWUNG
+from ..rules import ADEQUATE, FAINT, SWUNG, Rules
 from ..verdict import lowers
 from .alone import alone
 from .behind import TWO_MASSES, Alone
@@ -260,7 +260,9 @@ def _begun(
         Link(part.record.t, part.link, _doubt(name, links, part))
         for links, part in zip(told.values(), parts, strict=True)
     ]
-    return begin(Task(parts[0].record, parts[0].loop, other, links=behind, **settings))
+    rules = replace(settings.get("rules") or Rules(), swing=SWUNG)
+    settings = {**settings, "links": behind, "rules": rules}
+    return begin(Task(parts[0].record, parts[0].loop, other, **settings))
 
 
 def _doubt(joint: str, links: Links | None, part: Alone) -> Doubt:
