@@ -32,6 +32,12 @@ def axis(effect, **values):
     return loop, BASE | {f"{effect}.{k}": v for k, v in values.items()}
 
 
+def drawn(suite, seed, effects, detail=()):
+    """Return the loop and the two records of a case, and the case."""
+    case = draw(Task(suite, seed, effects, detail))
+    return from_tables(case.axis.tables()), *(iv.Record.from_dict(r) for r in case.records), case
+
+
 @pytest.fixture(scope="module")
 def scales():
     return Scales(iv.datasets.twin(), iv.axes.emps())
@@ -142,11 +148,8 @@ def test_no_second_mass_is_looked_for_beside_what_closes_nearly_all_of_a_gap(mon
     """An eccentric encoder 86 times the noise and a drift: both are named without a search."""
     searched = []
     monkeypatch.setattr(starts, "_evolved", lambda *a: searched.append(a) or (np.inf, {}))
-    case = draw(Task("two", 6006, ("friction-drift", "encoder-eccentricity")))
-    loop = from_tables(case.axis.tables())
-    gap = iv.diagnose(
-        iv.Record.from_dict(case.records[0]), loop, iv.Record.from_dict(case.records[1])
-    )
+    loop, one, two, _ = drawn("two", 6006, ("friction-drift", "encoder-eccentricity"))
+    gap = iv.diagnose(one, loop, two)
     assert set(gap.effects) == {"friction-drift", "encoder-eccentricity"}
     assert not searched
 
@@ -297,16 +300,10 @@ def test_an_encoder_that_was_homed_anew_is_still_eccentric():
     assert gap.shrink.closed > 0.85
 
 
-def drawn(effect, seed):
-    """Return the loop and the two records of a case with one effect."""
-    case = draw(Task("single", seed, (effect,)))
-    return from_tables(case.axis.tables()), *(iv.Record.from_dict(r) for r in case.records), case
-
-
 @pytest.mark.parametrize("seed", [5101, 5104, 5108])
 def test_the_steps_of_an_encoder_are_as_small_as_its_period_asks(seed):
     """A tenth of them gives the same derivatives: its waves are far shorter than the stroke."""
-    loop, one, two, case = drawn("encoder-eccentricity", seed)
+    loop, one, two, case = drawn("single", seed, ("encoder-eccentricity",))
     true = case.label["parameters"]["encoder-eccentricity"]
     period = true["enc_p"] * case.axis.length
     wave = {"cosine": true["enc_a"] * case.axis.length, "sine": 0.0, "period": period}
@@ -334,7 +331,7 @@ def test_the_steps_of_an_encoder_are_as_small_as_its_period_asks(seed):
     ],
 )
 def test_what_is_named_leaves_the_noise_on_the_other_record(effect, seed):
-    loop, one, two, _ = drawn(effect, seed)
+    loop, one, two, _ = drawn("single", seed, (effect,))
     gap = iv.diagnose(one, loop, two)
     assert gap.effects == (effect,)
     assert gap.chi[1] < 1.05
@@ -342,7 +339,7 @@ def test_what_is_named_leaves_the_noise_on_the_other_record(effect, seed):
 
 def test_a_large_gap_is_searched_again_with_more_points():
     """None of the first ones is in its valley."""
-    loop, one, two, _ = drawn("backlash", 5207)
+    loop, one, two, _ = drawn("single", 5207, ("backlash",))
     gap = iv.diagnose(one, loop, two)
     assert gap.effects == ("backlash",)
     assert gap.chi[1] < 0.25 * gap.chi[0]
@@ -353,7 +350,7 @@ def test_a_large_gap_is_searched_again_with_more_points():
 )
 def test_a_search_judges_no_start_of_a_stretch(effect, seed):
     """The stretch that is searched is as wrong as the whole record is there, not more."""
-    loop, one, two, _ = drawn(effect, seed)
+    loop, one, two, _ = drawn("single", seed, (effect,))
     for m in begin(Asked(one, loop, two)).measured:
         rows, settled = starts._worst(m.fold, m.base.e)
         whole = np.zeros(len(m.fold.keep))
@@ -391,14 +388,30 @@ def test_a_line_of_few_periods_that_leaves_nothing_is_one():
 
 
 @pytest.mark.parametrize(
+    ("seed", "effects", "behind"),
+    [(6400, (), "curly"), (6406, (), "uneven"), (6403, ("cogging",), "hysteresis")],
+)
+def test_bumps_over_position_are_no_line(seed, effects, behind):
+    """Smooth laws have much of what a line leaves of them; of a hysteresis, less."""
+    loop, one, two, _ = drawn("unknown", seed, effects, (behind,))
+    gap = iv.diagnose(one, loop, two)
+    assert gap.effects == effects
+
+
+def test_a_second_effect_is_fitted_beside_a_gap():
+    """What the response of a rigid axis says of it is wrong where masses rattle."""
+    loop, one, two, _ = drawn("two", 6413, ("backlash", "sqrt-viscous"))
+    gap = iv.diagnose(one, loop, two)
+    assert gap.effects == ("backlash", "sqrt-viscous")
+
+
+@pytest.mark.parametrize(
     ("seed", "pair"),
     [(4005, ("stribeck", "spring")), (4007, ("drive-timing", "flexibility"))],
 )
 def test_effects_that_share_a_gap_are_found_together(seed, pair, monkeypatch):
     """Neither explains most of it: one by one, the first is doubtful and none gets a name."""
-    case = draw(Task("two", seed, pair))
-    one, two = (iv.Record.from_dict(r) for r in case.records)
-    loop = from_tables(case.axis.tables())
+    loop, one, two, _ = drawn("two", seed, pair)
     assert set(iv.diagnose(one, loop, two).effects) == set(pair)
     monkeypatch.setattr(selection, "_pair", lambda *_: [])
     assert iv.diagnose(one, loop, two).effects == ()

@@ -83,13 +83,17 @@ class Fit:
 
     @cached_property
     def _covariances(self) -> tuple[Array, Array]:
-        """Covariances of the free parameters, as white noise and as blocks have it, (p, p)."""
+        """Covariances of the free parameters, as white noise and as blocks have it, (p, p).
+
+        NaN of one that changes nothing.
+        """
         scale = np.maximum(np.linalg.norm(self.J, axis=0), 1e-300)
         J = self.J / scale
         bread = np.linalg.pinv(J.T @ J, rcond=1e-9)
         meat = block_covariance(J * self.e[:, None], self.fold.blocks)
         unit = np.outer(scale, scale)
-        return self.cost * bread / unit, bread @ meat @ bread / unit
+        with np.errstate(invalid="ignore"):
+            return self.cost * bread / unit, bread @ meat @ bread / unit
 
     @cached_property
     def _hidden(self) -> Array:
