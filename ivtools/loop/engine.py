@@ -28,8 +28,8 @@ _LONGEST_DELAY = 10.0  # s
 _BEGINNING = 0.3  # s that tell in which state a law began a record
 _START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
 _START_TIME = 0.021  # s; where they last longer, through fewer
-_AS_HEAVY = 1e-12  # of the inertia: a link that varies by less is as heavy in every pose
 _FEWER, _BENT = (20, 14, 10, 7, 5, 4), 2.0  # until it leaves no more than so much of the noise
+_AS_HEAVY = 1e-12  # of the inertia: a link that varies by less is as heavy in every pose
 
 
 class Plant(NamedTuple):

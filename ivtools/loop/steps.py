@@ -23,9 +23,9 @@ from ..physics.friction import bristle_deflection, bristle_rate
 from .mechanics import LOADS, extra_resistance, friction_level, link_force, plain_line, rates
 
 _LATE = 2.0 / 3.0
-_NEAR = (
-    0.3  # of the spring's pull and the damper's over a step, as squares of an angle: loads apart
-)
+# how far two loads may lie apart between which the sums are straight: by so much differs what
+# spring and damper do over a step, as the square of an angle
+_NEAR = 0.3
 
 
 @inlined

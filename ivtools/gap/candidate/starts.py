@@ -93,12 +93,16 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list
         return [known]
     boxes = Box.of(term, sides[0].scales)
     found = [_evolved(costs, plain, box, _power(box, FIRST_CROWD)) for box in boxes]
-    cost, best = min(found, key=lambda pair: pair[0])
-    if cost > HOPELESS * plain > HOPELESS * LARGE * len(sides):  # it may lie between few points
+    if plain > LARGE * len(sides) and min(found, key=_cheapest)[0] > HOPELESS * plain:
+        # a valley may lie between few points
         wider = [box for box in boxes if _power(box, SECOND_CROWD) > _power(box, FIRST_CROWD)]
         found += [_evolved(costs, plain, box, _power(box, SECOND_CROWD)) for box in wider]
-        cost, best = min(found, key=lambda pair: pair[0])
+    cost, best = min(found, key=_cheapest)
     return [best] if cost <= plain else []
+
+
+def _cheapest(found: tuple[float, Point]) -> float:
+    return found[0]
 
 
 def _power(box: Box, crowd: int) -> int:
@@ -111,10 +115,9 @@ def _evolved(
 ) -> tuple[float, Point]:
     """Return the least cost in a box, of all folds together, and where it is.
 
-    It begins with the best of the points that fill the box, so many as two to that `power`, and
-    ends early where they are nothing better than no effect at all.
-    A point that costs more on one fold than any that the search keeps is not tried on the other,
-    which can only add to it.
+    It begins with the best of the points that fill the box, two to that `power`, and ends early
+    where they are nothing better than no effect at all. A point that costs more on one fold than
+    any that the search keeps is not tried on the other, which can only add to it.
     """
     most = [plain]
 
@@ -172,7 +175,7 @@ def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> li
         found = minimize(cost, begin, method="Nelder-Mead", bounds=[(0.0, 1.0)] * box.dimensions)
         return float(found.fun), box.point(found.x)
 
-    return [min(map(best, Box.of(term, sides[0].scales)), key=lambda pair: pair[0])[1]]
+    return [min(map(best, Box.of(term, sides[0].scales)), key=_cheapest)[1]]
 
 
 def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
