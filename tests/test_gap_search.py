@@ -398,13 +398,6 @@ def test_bumps_over_position_are_no_line(seed, effects, behind):
     assert gap.effects == effects
 
 
-def test_a_second_effect_is_fitted_beside_a_gap():
-    """What the response of a rigid axis says of it is wrong where masses rattle."""
-    loop, one, two, _ = drawn("two", 6413, ("backlash", "sqrt-viscous"))
-    gap = iv.diagnose(one, loop, two)
-    assert gap.effects == ("backlash", "sqrt-viscous")
-
-
 @pytest.mark.parametrize(
     ("seed", "pair"),
     [(4005, ("stribeck", "spring")), (4007, ("drive-timing", "flexibility"))],

@@ -167,10 +167,9 @@ def jacobian(
 
     A parameter of a force law acts through its force along the simulated trajectory and the
     loop's linear response; one that changes the structure is simulated once more, and so is every
-    one beside what does that to the whole motion, as a second mass: the response is that of a rigid
-    axis.
+    one where a robot's link is behind a second mass: the response is that of a rigid joint.
     """
-    rigid = not any(t.search == "valleys" for t in loop.terms)
+    rigid = fold.link is None or not any(t.search == "valleys" for t in loop.terms)
     owner = {n: (t, i) for t in loop.terms for i, n in enumerate(t.names)}
     forces, J = {}, np.empty((len(e), len(free)))
     for column, name in enumerate(free):
