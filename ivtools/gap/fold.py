@@ -278,10 +278,13 @@ class Fold:
 
     def judged(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return the whitened force error of a simulation, (n_kept,); large if it diverged."""
-        e = self.gap(loop, simulation)
-        if self._unknown is not None:
-            e = e - self._unknown[1]
+        e = self._gap_but_expected(loop, simulation)
         return self.white(e) if np.isfinite(e[-1]) else np.full(self.n_kept, DIVERGED)
+
+    def _gap_but_expected(self, loop: ClosedLoop, simulation: Simulation) -> Array:
+        """Return the gap without what the command answers to the sizes that are expected."""
+        e = self.gap(loop, simulation)
+        return e if self._unknown is None else e - self._unknown[1]
 
     def cost_beside(self, basis: Array) -> Callable[[ClosedLoop, Values], float]:
         """Return a function of a loop and its values: what of the error some signals leave.
@@ -304,10 +307,10 @@ class Fold:
 
         def cost(loop: ClosedLoop, values: Values) -> float:
             """Return it without the discounted error, which is as long as the record."""
-            e = self.gap(loop, self.simulate(loop, values))
+            e = self._gap_but_expected(loop, self.simulate(loop, values))
             if not np.isfinite(e[-1]):
                 return float("inf")
-            white = self._white(e if self._unknown is None else e - self._unknown[1])
+            white = self._white(e)
             parts = rows @ white
             return float(white @ white - parts @ parts) / len(white)
 

@@ -370,8 +370,8 @@ POSITION_KNOTS = 16
 #: whether they are a line (judgement), and at most, of bumps as short as a period (numerics).
 LEAST_KNOTS, MOST_KNOTS = 8, 64
 #: Share of an effect that no smooth law could have from which none is behind its name; a line over
-#: position must have it of all that smooth laws and the line remove (training: 0.51 to 0.86 of ten
-#: lines beside a real background or a force without a name, 0.30 to 0.51 of four that were bumps).
+#: position must have it of all that smooth laws and the line remove (training: 0.51 to 0.97 of
+#: twelve lines beside a real background or a nameless force, 0.30 to 0.51 of four that were bumps).
 UNLIKE_SMOOTH = 0.5
 #: Share of a line's gain that smooth laws may add where there is nothing but the line (judgement:
 #: a curve that is no sine leaves more).
