@@ -7,18 +7,16 @@ a set of parameter values into a whitened error.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from threading import local
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from ..linalg import fir
+from ..linalg import Metric, independent
 from ..loop import ClosedLoop, Simulation
 from ..loop.mechanics import LIGHTEST
 from ..record import Record
@@ -35,6 +33,7 @@ from .rules import (
     STANDING,
     TOLD_APART,
     TRANSIENT,
+    UNDOUBTED,
 )
 
 Array = NDArray[np.float64]
@@ -182,10 +181,23 @@ class Fold:
 
     def white(self, x: Array) -> Array:
         """Whiten signals along the first axis and keep the samples that count."""
-        return self._discounted(self._white(x))
+        return self._metric(x)
 
-    def _white(self, x: Array) -> Array:
-        return fir(self.whitener, x)[self.keep]
+    @cached_property
+    def _metric(self) -> Metric:
+        """The metric (1 + A C A')^-1/2: noise and doubt are white there.
+
+        A are the whitened answers to the sizes in doubt, C is their covariance.
+        """
+        if self.doubt is None:
+            return self._plain
+        doubted, shares, _ = self._doubted
+        return replace(self._plain, doubted=doubted, shares=shares)
+
+    @cached_property
+    def _plain(self) -> Metric:
+        """The metric in which noise is white."""
+        return Metric(self.whitener, self._kept)
 
     @cached_property
     def _felt(self) -> Array | None:
@@ -211,30 +223,18 @@ class Fold:
     def _doubted(self) -> tuple[Array, Array, Array]:
         """What is doubted, and how much.
 
-        Orthonormal directions (n_kept, k); by which share each is discounted; and the sizes that
+        Orthonormal directions (k, n_kept); by which share each is discounted; and the sizes that
         make an error of one along each likeliest, (m, k).
         """
         assert self.doubt is not None and self._unknown is not None
-        A = self._white(self._unknown[0])
-        both = A.T @ A + self.doubt.precision
-        size = np.maximum(np.sqrt(np.diag(both)), 1e-300)
-        values, vectors = np.linalg.eigh(both / size / size[:, np.newaxis])
-        known = values > TOLD_APART * values[-1]
-        turn = vectors[:, known] / np.sqrt(values[known]) / size[:, np.newaxis]
-        basis, shares, turned = np.linalg.svd(A @ turn, full_matrices=False)
-        discount = 1.0 - np.sqrt(np.maximum(1.0 - shares**2, 0.0))
-        return basis, discount, turn @ turned.T * shares
-
-    def _discounted(self, white: Array) -> Array:
-        """Return whitened errors in the metric (1 + A C A')^-1/2: noise and doubt are white there.
-
-        A are the whitened answers, C is the covariance of the sizes.
-        """
-        if self.doubt is None:
-            return white
-        basis, shares, _ = self._doubted
-        part = basis.T @ white
-        return np.asarray(white - basis @ (shares * part.T).T)
+        A = self._plain(self._unknown[0])
+        turn = independent(A, TOLD_APART, self.doubt.precision)
+        energy, turned = np.linalg.eigh(turn.T @ (A.T @ A) @ turn)  # of this record's share in it
+        discount = 1.0 - np.sqrt(np.maximum(1.0 - energy, 0.0))
+        doubted = discount > UNDOUBTED
+        sizes = turn @ turned[:, doubted]
+        shares = np.sqrt(energy[doubted])
+        return (sizes / shares).T @ A.T, discount[doubted], sizes * shares
 
     @cached_property
     def heard(self) -> Response:
@@ -245,7 +245,7 @@ class Fold:
 
     def answers(self, forces: Array) -> Array:
         """Return the change of the whitened error by forces in the columns, (n_kept, m)."""
-        return self._discounted(self.heard(forces, self._kept))
+        return self._metric.discounted(self.heard(forces, self._kept))
 
     @cached_property
     def _kept(self) -> NDArray[np.int_]:
@@ -268,9 +268,9 @@ class Fold:
         e = self.gap(loop, self.simulate(loop, values))
         if self._unknown is None or not np.isfinite(e[-1]):
             return e
-        basis, _, sizes = self._doubted
+        doubted, _, sizes = self._doubted
         answers, likely = self._unknown
-        return e - likely - answers @ (sizes @ (basis.T @ self._white(e - likely)))
+        return e - likely - answers @ (sizes @ (doubted @ self._plain(e - likely)))
 
     def error(self, loop: ClosedLoop, values: Values) -> Array:
         """Return the whitened force error of the samples that count, (n_kept,)."""
@@ -297,22 +297,17 @@ class Fold:
         basis : ndarray, (n_kept, m)
             The signals, orthonormal.
         """
-        rows = basis
+        rows = self._metric.discounted(basis).T
         if self.doubt is not None:
             doubted, shares, _ = self._doubted
-            rows = np.column_stack(
-                [self._discounted(basis), doubted * np.sqrt(shares * (2.0 - shares))]
-            )
-        rows = np.ascontiguousarray(rows.T)
+            much = np.sqrt(shares * (2.0 - shares))
+            rows = np.vstack([rows, doubted * much[:, np.newaxis]])
+        rows = np.ascontiguousarray(rows)
 
         def cost(loop: ClosedLoop, values: Values) -> float:
             """Return it without the discounted error, which is as long as the record."""
             e = self._gap_but_expected(loop, self.simulate(loop, values))
-            if not np.isfinite(e[-1]):
-                return float("inf")
-            white = self._white(e)
-            parts = rows @ white
-            return float(white @ white - parts @ parts) / len(white)
+            return self._plain.left(e, rows) if np.isfinite(e[-1]) else float("inf")
 
         return cost
 
@@ -333,34 +328,6 @@ class Fold:
         place = None if self.place is None else self.place[rows]
         part = self.record.slice(start, stop)
         return replace(self, record=part, keep=self.keep[rows], place=place, both=None)
-
-
-#: Whether a thread does a part of something already.
-_WORKING = local()
-
-
-def threaded(f: Callable[..., T], *items: Iterable[Any]) -> list[T]:
-    """Return what a function gives for each fold, or each effect, on two threads.
-
-    What such a part is made of is done in its own thread: two are all there are.
-
-    Parameters
-    ----------
-    f : callable
-    items : iterables
-        Its arguments.
-    """
-    tasks = list(zip(*items, strict=False))
-    if len(tasks) < 2 or getattr(_WORKING, "yes", False):
-        return [f(*task) for task in tasks]
-
-    def part(task: tuple[Any, ...]) -> T:
-        """Do one, and all that it is made of, in this thread."""
-        _WORKING.yes = True
-        return f(*task)
-
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(part, tasks))
 
 
 def block_t(sums: Array) -> float:

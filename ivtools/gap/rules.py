@@ -132,6 +132,8 @@ COMMON = 0.1
 LEAST_BLOCK = 20
 #: Square of a singular value, of the largest, below which sizes of forces are one (numerics).
 TOLD_APART = 1e-9
+#: Share of an error that is discounted, below which it is not (numerics: half of the directions).
+UNDOUBTED = 1e-3
 #: Numbers of stretches into which a record that judges itself may be cut (training).
 STRETCHES = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 
@@ -208,6 +210,9 @@ QUIET = 0.7
 FULL, FULL_EVENT = 0.8, 0.95
 #: Samples per coefficient of the noise model in quiet windows, or all count (theory).
 PER_COEFFICIENT = 20
+#: Energy of a combination of force laws, of the largest, from which on they are the same
+#: (numerics).
+DEPENDENT = 1e-12
 #: Share of the energy of a smooth law that typical samples must show for it to be fitted to them
 #: (training: a joint beside one that rattles, 1e-5 to 0.01 do the same; the least changes fewest).
 SHOWN = 1e-5

@@ -8,6 +8,7 @@ from ivtools.linalg.columns import (
     as_columns,
     base_columns,
     fir,
+    independent,
     orthonormal,
     projection,
 )
@@ -19,6 +20,7 @@ from ivtools.linalg.long_run import (
     long_run_variance,
     score_covariance,
 )
+from ivtools.linalg.metric import Metric
 from ivtools.linalg.noise import NoiseModel
 from ivtools.linalg.solve import (
     RANK_TOLERANCE,
@@ -36,6 +38,7 @@ __all__ = [
     "CovType",
     "Covariance",
     "Stack",
+    "Metric",
     "NoiseModel",
     "Weights",
     "abs_diag_r",
@@ -47,6 +50,7 @@ __all__ = [
     "covariance",
     "estimate_covariance",
     "fir",
+    "independent",
     "influence",
     "long_run_variance",
     "norms_of",

@@ -77,24 +77,22 @@ def plan(dt, n, p, on):
     return _pace(0, first, dt, p, on), _pace(1, dt - first, dt, p, on)
 
 
-@compiled
+@inlined
 def heavier(inertia, planned, dt, n, p, on):
-    """Plan again for one mass with another inertia: its steps are as long, and it glides on less.
+    """Give one mass another inertia; what depends on it is worked out where a step needs it.
 
     The bristle of one decides how long its steps are.
     """
     p["inertia"] = p["motor"] = inertia
-    if on["presliding"]:
-        return plan(dt, n, p, on)
-    return _glides_on(planned[0], p), _glides_on(planned[1], p)
+    return plan(dt, n, p, on) if on["presliding"] else planned
 
 
-@compiled
-def _glides_on(pace, p):
-    steps, h, _, _, first, last, decay, span = pace
-    if steps == 0:
-        return pace
-    return Pace(steps, h, glide(1.0, h, p), glide(-1.0, h, p), first, last, decay, span)
+@inlined
+def _glide_of(s, pace, p, on):
+    """Return how one rigid mass glides in direction s over a step."""
+    if on["turns"]:
+        return glide(1.0 if s > 0.0 else -1.0, pace.h, p)
+    return pace.ahead if s > 0.0 else pace.back
 
 
 # --- modes: directions of motion, and the side of contact --------------------------------------
@@ -268,7 +266,7 @@ def _through(x, h, tau, rise, t, p, on, user):
 @inlined
 def rigid_step(q, v, tau, pace, p, on, user):
     """Advance one rigid mass over one sample under a held force; also return the acceleration."""
-    glides = pace.ahead if v > 0.0 else pace.back
+    glides = _glide_of(v, pace, p, on)
     place, speed, a = glided(q, v, pace.h, tau, p["inertia"], glides)
     if v * speed > 0.0:  # no reversal on the way
         return place, speed, a
@@ -283,7 +281,8 @@ def _advance(x, tau, rise, t, pace, p, on, user):
     if on["sign"]:
         return runge_kutta(x, h, tau, rise, t, p, on, user)
     if x[1] != 0.0 and not on["two"]:
-        s, glides = np.sign(x[1]), pace.ahead if x[1] > 0.0 else pace.back
+        s = np.sign(x[1])
+        glides = _glide_of(s, pace, p, on)
         q, v, z, a = one_mass_step(x[0], x[1], x[4], s, h, tau, rise, t, glides, p, on, user)
         if v * s > 0.0:  # no reversal on the way
             return (q, v, 0.0, 0.0, z), a

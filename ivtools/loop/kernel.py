@@ -148,6 +148,7 @@ def run(
     q, v, force, gain = q_start, v_start, p["gain"] * first[delay], p["gain"]
     x, rigid, pace, shift = (q, v, q, v, 0.0), not on["effects"], planned[1], p["shift"]
     mean, single = p["load"], p["inertia"]
+    on["turns"] = swing.size > 0 and not on["two"]
     if swing.size and on["two"]:
         least, most = with_swing(mean, np.min(swing)), with_swing(mean, np.max(swing))
         spread(least, most, max(planned[0].h, planned[1].h), p)
@@ -177,7 +178,7 @@ def run(
         outside = force_noise[k] if force_noise.size else 0.0
         if load.size:
             pulled = load[k]
-            if swing.size and not on["two"]:
+            if on["turns"]:
                 planned = heavier(with_swing(single, swing[k]), planned, dt, n, p, on)
                 pace = planned[1]
             elif swing.size:

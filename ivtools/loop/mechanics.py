@@ -18,7 +18,7 @@ from ..physics.transmission import contact, push
 
 # Parameters and flags travel as records: fields have names, and a record is a bare pointer, where
 # an array would be reference-counted at every call.
-_SWITCHES = ("own", "effects", "beyond", "two", "sign")
+_SWITCHES = ("own", "effects", "beyond", "two", "sign", "turns")
 OWN = tuple(f"own.{i}" for i in range(12))  # room for the parameters of a user's own laws
 # what follows from the parameters: two inertias, the share of the friction that sits on the load,
 # what of the offset and of outside forces it takes over from the motor, stiffness, damping and gap

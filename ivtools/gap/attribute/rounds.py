@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics import EFFECTS, Term
+from ...workers import threaded
 from ..candidate import Trial, attempt
 from ..fit import Fit, of_effect
-from ..fold import Fold, Side, threaded
+from ..fold import Fold, Side
 from ..rules import (
     ADEQUATE,
     ALL_CLOSED,

@@ -17,10 +17,11 @@ import numpy as np
 
 from ...loop import ClosedLoop
 from ...physics import Term
+from ...workers import threaded
 from ..candidate import Trial, frozen
 from ..discrepancy import Laws, Spline, advantage, beside, fitted, least_t
 from ..fit import Fit, common, gauss_newton, of_effect, steps
-from ..fold import Side, threaded
+from ..fold import Side
 from ..library import library
 from ..rules import (
     CLEAN,

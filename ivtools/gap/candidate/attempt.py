@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 from ...loop import ClosedLoop
 from ...physics import Term
+from ...workers import threaded
 from ..fit import Fit, common, gauss_newton, steps
-from ..fold import Side, threaded
+from ..fold import Side
 from ..rules import NARROW, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
 from ..screen import Score
 from .starts import Point, beginning, starts

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from scipy.optimize import Bounds, OptimizeResult, differential_evolution, minim
 from scipy.stats import qmc
 
 from ...physics import Term
+from ...workers import threaded
 from ..fit import Fit
 from ..fold import Fold, Side, settling
 from ..library import Box, alternatives
@@ -136,22 +136,21 @@ def _evolved(
             raise StopIteration
         most[0] = float(np.max(intermediate_result.population_energies))
 
-    with ThreadPoolExecutor(2) as pool:
-        drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(power)
-        order = np.argsort(list(pool.map(cost, drawn)), kind="stable")
-        found = differential_evolution(
-            cost,
-            Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
-            init=drawn[order[: CROWD * box.dimensions]],
-            maxiter=GENERATIONS,
-            mutation=MUTATION,
-            recombination=RECOMBINATION,
-            polish=False,
-            updating="deferred",
-            workers=pool.map,
-            callback=ends,
-            rng=1,
-        )
+    drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(power)
+    order = np.argsort(threaded(cost, drawn), kind="stable")
+    found = differential_evolution(
+        cost,
+        Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
+        init=drawn[order[: CROWD * box.dimensions]],
+        maxiter=GENERATIONS,
+        mutation=MUTATION,
+        recombination=RECOMBINATION,
+        polish=False,
+        updating="deferred",
+        workers=threaded,
+        callback=ends,
+        rng=1,
+    )
     return float(found.fun), box.point(found.x)
 
 

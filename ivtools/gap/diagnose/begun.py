@@ -10,13 +10,13 @@ from ...errors import IVToolsError
 from ...loop import ClosedLoop
 from ...physics import Term
 from ...record import Record
-from ...workers import one_blas_thread
+from ...workers import one_blas_thread, threaded
 from .. import floor, parity, preflight, quantify
 from ..attribute import Attribution, attribute, cost, upheld
 from ..diagnosis import Diagnosis
 from ..fit import Fit, common
 from ..floor import Floor, Measured, Ready, folds, masked, measure, prepared
-from ..fold import Fold, Link, Side, threaded
+from ..fold import Fold, Link, Side
 from ..parity import Parity
 from ..preflight import Finding
 from ..rules import SATURATED, TOLERANCE, Rules

@@ -21,9 +21,10 @@ from scipy import linalg
 
 from ...linalg.swing import Swing, Swings
 from ...loop import Simulation
+from ...workers import threaded
 from .. import spatial_lines
 from ..fit import Fit, normal
-from ..fold import block_t, threaded
+from ..fold import block_t
 from ..rules import COOLING, DISCREPANCY_MOST, DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
 from .smooth import Basis, Columns, beside, signals
 

@@ -16,8 +16,8 @@ from scipy import linalg, signal
 from ...linalg import as_columns, orthonormal
 from ...linalg.swing import Swing
 from ...loop import Simulation
+from ...workers import threaded
 from ..fit import Fit, normal
-from ..fold import threaded
 from ..rules import (
     ALIKE,
     BUMPS,

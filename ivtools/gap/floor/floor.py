@@ -15,7 +15,7 @@ from scipy import fft, signal, stats
 
 from ...errors import EstimationError
 from ...limits import LARGEST
-from ...linalg import NoiseModel, fir, swing
+from ...linalg import NoiseModel, fir, independent, swing
 from ...loop import Simulation
 from ...physics import EFFECTS
 from ...record import Record
@@ -26,6 +26,7 @@ from ..response import Response, features, waves
 from ..rules import (
     ANOTHER,
     DEEPEST,
+    DEPENDENT,
     EVENT,
     EVENT_SPREAD,
     EVENT_TIME,
@@ -176,10 +177,9 @@ def _lines(
 def _project(columns: Array, fit: Fit, raw: Array, keep: Mask) -> Array:
     """Return the raw error without what features and base model explain, (n_samples,)."""
     basis = np.column_stack([columns[keep], fit.J])
-    scale = np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
-    beta = np.linalg.lstsq(basis / scale, raw[keep], rcond=1e-7)[0] / scale
+    alone = independent(basis, DEPENDENT)
     rest = np.zeros(len(raw))
-    rest[keep] = raw[keep] - basis @ beta
+    rest[keep] = raw[keep] - basis @ (alone @ (alone.T @ (basis.T @ raw[keep])))
     return rest
 
 
@@ -192,13 +192,10 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     full = np.zeros((len(raw), fit.J.shape[1]))
     full[fit.fold.keep] = fit.J
     basis = np.column_stack([columns, full])
-    basis = basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
     white = fir(whitener, np.column_stack([basis, raw]))
     _require(white)
     A, b = white[:, :-1], white[typical, -1]
-    _, size, turn = np.linalg.svd(np.linalg.qr(A[fit.fold.keep], mode="r"))
-    known = size > 1e-7 * size[0]
-    alone = turn[known].T / size[known]  # of unit energy each, and nothing in common
+    alone = independent(A[fit.fold.keep], DEPENDENT)
     B = A[typical] @ alone
     share, within = np.linalg.eigh(B.T @ B)  # of their energy
     shown = share > SHOWN
@@ -275,12 +272,10 @@ def _taken(columns: Array, fit: Fit, whitener: Array) -> Array:
     full[fit.fold.keep] = fit.J
     white = fir(whitener, np.column_stack([columns, full]))
     white[~fit.fold.keep] = 0.0
-    white /= np.maximum(np.linalg.norm(white, axis=0), 1e-300)
-    size, turn = np.linalg.eigh(white.T @ white)
-    known = size > 1e-10 * size[-1]
-    basis = white @ (turn[:, known] / np.sqrt(size[known]))
-    edges = np.linspace(0, len(columns) // 2 + 1, FREQUENCIES + 1).astype(int)[:-1]
-    spectra = fft.rfft(np.ascontiguousarray(basis.T))  # strided columns take three times as long
+    basis = white @ independent(white, DEPENDENT)
+    length = fft.next_fast_len(len(basis), real=True)
+    edges = np.linspace(0, length // 2 + 1, FREQUENCIES + 1).astype(int)[:-1]
+    spectra = fft.rfft(np.ascontiguousarray(basis.T), length)  # strided: three times as long
     power = np.sum(spectra.real**2 + spectra.imag**2, axis=0) / int(fit.fold.keep.sum())
     return np.add.reduceat(power, edges) / np.diff(np.r_[edges, len(power)])
 

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from ...linalg.columns import fir, projection
 from ...record import Record
 from ...results import FitResults
+from ...workers import threaded
 from .. import response
 from ..diagnose import Begun, Task, begin, finish
 from ..diagnosis import Diagnosis
 from ..fit import of_effect
 from ..floor import autoregression
-from ..fold import Doubt, Link, threaded
+from ..fold import Doubt, Link
 from ..rules import ADEQUATE, FAINT, SWUNG, Rules
 from ..verdict import lowers
 from .alone import alone

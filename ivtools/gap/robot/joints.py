@@ -16,9 +16,8 @@ from ...loop import RobotLoop
 from ...problem import Problem
 from ...record import Record
 from ...results import FitResults
-from ...workers import one_blas_thread
+from ...workers import one_blas_thread, threaded
 from ..diagnosis import Diagnosis
-from ..fold import threaded
 from ..rules import ROUNDS, SWING_IN
 from .behind import TWO_MASSES
 from .diagnosis import Coupled, RobotDiagnosis
