@@ -202,7 +202,7 @@ class Fold:
     @cached_property
     def _felt(self) -> Array | None:
         """What the link feels along the record, (n_samples, 2)."""
-        return None if self.link is None else self.link.on(self.record)
+        return None if self.link is None else np.asfortranarray(self.link.on(self.record))
 
     @cached_property
     def least_link(self) -> float:

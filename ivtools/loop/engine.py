@@ -29,7 +29,6 @@ _BEGINNING = 0.3  # s that tell in which state a law began a record
 _START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
 _START_TIME = 0.021  # s; where they last longer, through fewer
 _FEWER, _BENT = (20, 14, 10, 7, 5, 4), 2.0  # until it leaves no more than so much of the noise
-_AS_HEAVY = 1e-12  # of the inertia: a link that varies by less is as heavy in every pose
 
 
 class Plant(NamedTuple):
@@ -129,12 +128,12 @@ def simulate(
         dt,
         steps,
         law.known,
-        _column(record.added, n) * (1.0 + values.get("controller-mismatch.added", 0.0)),
+        _added(record, values),
         ramp,
         (at := _noise("place", place, n)),
         _noise("position_noise", position_noise, n),
         _noise("force_noise", force_noise, n),
-        *_links(record, link, values["inertia"]),
+        *_links(record, link),
         float(quantum),
         *law[1:],
         *plant(loop, values, general=ramp, stiction=stiction),
@@ -281,8 +280,11 @@ def started(q: Array, dt: float) -> Motion:
     return float(start + q[0]), float(slope / dt), float(2.0 * bend / dt**2)
 
 
-def _column(signal: Array | None, n: int) -> Array:
-    return np.zeros(n) if signal is None else np.ascontiguousarray(signal[:, 0])
+def _added(record: Record, values: Mapping[str, float]) -> Array:
+    """Return what is added to the command, (n_samples,) or empty."""
+    if record.added is None:
+        return np.zeros(0)
+    return record.added[:, 0] * (1.0 + values.get("controller-mismatch.added", 0.0))
 
 
 def _rigid(loop: ClosedLoop, values: Mapping[str, float], dt: float) -> dict[str, float]:
@@ -291,13 +293,13 @@ def _rigid(loop: ClosedLoop, values: Mapping[str, float], dt: float) -> dict[str
     return {n: min(values[n], p.rigid / dt) for n, p in both if p.rigid < np.inf}
 
 
-def _links(record: Record, link: ArrayLike | None, inertia: float) -> tuple[Array, Array]:
+def _links(record: Record, link: ArrayLike | None) -> tuple[Array, Array]:
     """Return the known load, and what the last mass has more, (n_samples,) each or empty."""
     if link is None:
-        load = np.zeros(0) if record.load is None else _column(record.load, record.n_samples)
-        return load, np.zeros(0)
+        none = np.zeros(0)
+        return none if record.load is None else np.ascontiguousarray(record.load[:, 0]), none
     load, more = (np.ascontiguousarray(x) for x in np.asarray(link, dtype=float).T)
-    return load, more if np.max(np.abs(more)) > _AS_HEAVY * inertia else np.zeros(0)
+    return load, more
 
 
 def _noise(name: str, noise: ArrayLike | None, n: int) -> Array:

@@ -18,6 +18,8 @@ from .integrator import drive_delay, heavier, plan, plant_step, rigid_step
 from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW, held_link, with_swing
 from .steps import laden, spread
 
+_AS_HEAVY = 1e-12  # of the inertia: a link that varies by less is as heavy in every pose
+
 
 @compiled
 def measure(q, noise, quantum, p, on):
@@ -134,10 +136,11 @@ def run(
     what its known inputs add to the command and to its states, `gains` and `b_matrix` belong to
     the measured position and velocity, and `inner` is its state. `first` holds the commands, added
     inputs excluded, that precede the law's own: `delay` of them, then the one before the record.
-    Forces that depend on the position act at `place`, (n_samples,), if it is not empty. Of two
-    masses a known `load` pulls at the second one, which begins where that holds it, and a
-    disturbance at the first. The second, or the only one, has `swing` more inertia, if that is not
-    empty: what its velocity asks where that grows is in the load with the velocity of the first.
+    What is `added` to the command, (n_samples,), may be empty. Forces that depend on the position
+    act at `place`, (n_samples,), if that is not. Of two masses a known `load` pulls at the second
+    one, which begins where that holds it, and a disturbance at the first. The second, or the only
+    one, has `swing` more inertia, if that is not empty: what its velocity asks where that grows is
+    in the load with the velocity of the first.
     """
     samples, past = known.size, taps.size - 1
     whole, planned = drive_delay(dt, p, on)[0], plan(dt, n, p, on)
@@ -148,8 +151,9 @@ def run(
     q, v, force, gain = q_start, v_start, p["gain"] * first[delay], p["gain"]
     x, rigid, pace, shift = (q, v, q, v, 0.0), not on["effects"], planned[1], p["shift"]
     mean, single = p["load"], p["inertia"]
-    on["turns"] = swing.size > 0 and not on["two"]
-    if swing.size and on["two"]:
+    heavy = swing.size > 0 and max(np.max(swing), -np.min(swing)) > _AS_HEAVY * single
+    on["turns"] = heavy and not on["two"]
+    if heavy and on["two"]:
         least, most = with_swing(mean, np.min(swing)), with_swing(mean, np.max(swing))
         spread(least, most, max(planned[0].h, planned[1].h), p)
         laden(with_swing(mean, swing[0]), p)
@@ -174,14 +178,16 @@ def run(
                 out[0, k], speed, excess, back, hold,
             )  # fmt: skip
         law[delay + k] = value
-        sent[whole + 1 + k] = out[3, k] = min(max(law[k], -limit), limit) + added[k]
+        sent[whole + 1 + k] = out[3, k] = min(max(law[k], -limit), limit)
+        if added.size:
+            sent[whole + 1 + k] = out[3, k] = out[3, k] + added[k]
         outside = force_noise[k] if force_noise.size else 0.0
         if load.size:
             pulled = load[k]
             if on["turns"]:
                 planned = heavier(with_swing(single, swing[k]), planned, dt, n, p, on)
                 pace = planned[1]
-            elif swing.size:
+            elif heavy:
                 laden(with_swing(mean, swing[k]), p)
                 grows = (with_swing(mean, swing[min(k + 1, samples - 1)]) - p["load"]) / dt
                 pulled += grows * (x[3] - x[1])
@@ -193,7 +199,7 @@ def run(
             tau = gain * sent[k + 1] + outside
             q, v, a = rigid_step(q, v, tau, pace, p, on, user)
         else:
-            slope = (added[k + 1] - added[k]) / dt if ramp and k + 1 < samples else 0.0
+            slope = (added[k + 1] - added[k]) / dt if ramp and k + 1 < added.size else 0.0
             x, force, a = plant_step(
                 x, force, sent[k], sent[k + 1], slope, outside, k * dt, planned, p, on, user
             )
