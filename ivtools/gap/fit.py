@@ -13,10 +13,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..linalg import as_columns, block_covariance, orthonormal, solve_iv
+from ..linalg import as_columns, block_covariance, independent, orthonormal, solve_iv
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..problem import Problem
+from ..workers import threaded
 from .fold import Fold
 from .library import Scales
 from .rules import AGAIN, CONVERGED, JACOBIANS, KEEP_JACOBIAN, REACH, SHORTER, STEP, UNSHOWN
@@ -170,16 +171,22 @@ def jacobian(
     one where a robot's link is behind a second mass: the response is that of a rigid joint.
     """
     rigid = fold.link is None or not any(t.search == "valleys" for t in loop.terms)
-    owner = {n: (t, i) for t in loop.terms for i, n in enumerate(t.names)}
+    owner = {n: t for t in loop.terms for n in t.names}
     forces, J = {}, np.empty((len(e), len(free)))
     for column, name in enumerate(free):
-        term, _ = owner[name]
+        term = owner[name]
         if rigid and term.law is not None and fold.response is not None:
             forces[column] = _law_change(term, name, values, step[name], simulation)
-            continue
+
+    def simulated(name: str) -> Array:
+        """Return the derivative by one parameter, from one more simulation."""
         at_top = values[name] + step[name] > loop.parameters[name].upper
         change = -step[name] if at_top else step[name]
-        J[:, column] = (fold.error(loop, {**values, name: values[name] + change}) - e) / change
+        return (fold.error(loop, {**values, name: values[name] + change}) - e) / change
+
+    others = [column for column in range(len(free)) if column not in forces]
+    for column, slope in zip(others, threaded(simulated, [free[k] for k in others]), strict=True):
+        J[:, column] = slope
     if forces:
         J[:, list(forces)] = fold.answers(as_columns(forces.values()))
     return J
@@ -283,25 +290,22 @@ def _move(
 
 def _solve(J: Array, e: Array, units: Array) -> Array:
     """Return the Gauss-Newton step, damped in directions that the record does not show."""
-    A = J * units
-    scale = np.linalg.norm(A, axis=0)
-    scale[~np.isfinite(scale) | (scale == 0.0)] = 1.0
-    return -units / scale * normal(A / scale, e, 1e-5)
+    return -units * normal(J * units, e, 1e-5)
 
 
 def normal(A: Array, b: Array, rcond: float) -> Array:
-    """Return the least-squares solution of few columns A (n, m) by their normal equations.
+    """Return the least-squares solution of few columns A (n, m), of whatever sizes.
 
     `b` is one signal (n,) or several (n, k); so is the solution, (m,) or (m, k).
 
-    Directions whose singular value is below `rcond` times the largest stay at zero. With columns
-    scaled to unit length and an `rcond` of 1e-6 or more, squaring the condition number costs
-    nothing that would matter, and saves nine tenths of the time. Columns that are not finite, of
-    a loop that diverged, give zeros.
+    By their normal equations. Directions whose singular value, of columns of unit length, is below
+    `rcond` times the largest stay at zero; with 1e-6 or more, squaring the condition number costs
+    nothing that would matter. Columns that are not finite, of a loop that diverged, give zeros.
     """
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
         return np.zeros((A.shape[1], *b.shape[1:]))
-    return np.asarray(np.linalg.lstsq(A.T @ A, A.T @ b, rcond=rcond**2)[0], dtype=float)
+    alone = independent(A, rcond**2)
+    return alone @ (alone.T @ (A.T @ b))
 
 
 def _search(

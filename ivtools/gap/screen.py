@@ -155,8 +155,7 @@ def _sound(columns: Array) -> bool:
 def _score(d: _Direction, basis: Array, e: Array, fold: Fold) -> Score:
     """Regress the residual on the columns that the base model does not already have."""
     C = d.columns - basis @ (basis.T @ d.columns)
-    scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
-    beta = normal(C / scale, e, 1e-6) / scale
+    beta = normal(C, e, 1e-6)
     explained = C @ beta
     gain = float(explained @ e / (e @ e))
     amplitudes = {n: -float(b) for n, b in zip(d.names, beta, strict=False)}

@@ -111,7 +111,7 @@ def abs_diag_r(X: Array) -> Array:
 
 
 def orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis (N, k) of the space of columns (N, k), whatever their sizes.
+    """Return an orthonormal basis (..., N, k) of the space of columns, whatever their sizes.
 
     Examples
     --------
@@ -120,7 +120,7 @@ def orthonormal(columns: Array) -> Array:
     array([[-0.6, -0.8],
            [-0.8,  0.6]])
     """
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    scale = np.maximum(np.linalg.norm(columns, axis=-2, keepdims=True), 1e-300)
     return np.asarray(np.linalg.qr(columns / scale)[0])
 
 
@@ -149,7 +149,8 @@ def independent(columns: Array, least: float, beside: Array | float = 0.0) -> Ar
            [0., 1.]]))
     """
     G = columns.T @ columns + beside
-    size = np.maximum(np.sqrt(np.diag(G)), 1e-300)
+    size = np.sqrt(np.diag(G))
+    size[size == 0.0] = 1.0
     values, vectors = np.linalg.eigh(G / size / size[:, np.newaxis])
     known = values > least * values[-1]
     return np.asarray(vectors[:, known] / np.sqrt(values[known]) / size[:, np.newaxis])

@@ -47,7 +47,7 @@ class Swing:
         """Return what an acceleration sets ringing, in phase and out of it, (n_samples, 2)."""
         p = self._pole(dt)
         y = signal.lfilter([1.0 - abs(p)], [1.0, -p], ddq)
-        return np.column_stack([y.real, y.imag])
+        return np.asarray(y.view(float).reshape(-1, 2))
 
     def begun(self, n: int, dt: float) -> Array:
         """Return how it rings down that swung before the record began, (n, 2)."""
@@ -88,7 +88,7 @@ class Swings:
         if np.isfinite(self.answer).all() and self.answer.any() and self.lowest < _HZ[1]:
             points = product(np.geomspace(self.lowest, _HZ[1], _TRIES), _DAMPING)
             self.grid = [Swing(float(hz), damping) for hz, damping in points]
-        self.units = np.array([self._unit(point) for point in self.grid])  # (points, 2, n)
+        self.units = self._units(self.grid)
 
     def strongest(self, x: Array) -> Found:
         """Return the swing that explains most of a signal, (n_samples,), 0 where none counts."""
@@ -102,7 +102,7 @@ class Swings:
             hz, damping = np.exp(point)
             if not (self.lowest <= hz <= _HZ[1] and damping <= _DAMPING[-1]):  # more is no swing
                 return 1.0
-            b = self._unit(Swing(float(hz), float(damping))) @ y
+            b = self._units([Swing(float(hz), float(damping))])[0] @ y
             return 1.0 - float(b @ b) / energy
 
         best = self.grid[int(np.argmax(np.sum((self.units @ y) ** 2, axis=1)))]
@@ -116,6 +116,7 @@ class Swings:
         count = len(s) // self.width
         return np.asarray(s[: count * self.width].reshape(count, self.width).mean(axis=1))
 
-    def _unit(self, swing: Swing) -> Array:
-        """Return what a swing does as two orthonormal signals, (2, n)."""
-        return orthonormal(swing.of(self.answer, self.dt)[self.counts]).T
+    def _units(self, swings: list[Swing]) -> Array:
+        """Return what each of some swings does as two orthonormal signals, (points, 2, n)."""
+        found = [swing.of(self.answer, self.dt)[self.counts] for swing in swings]
+        return np.swapaxes(orthonormal(np.array(found)), 1, 2) if found else np.zeros((0, 2, 0))

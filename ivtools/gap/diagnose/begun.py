@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 from ...errors import IVToolsError
 from ...loop import ClosedLoop
@@ -22,6 +23,27 @@ from ..preflight import Finding
 from ..rules import SATURATED, TOLERANCE, Rules
 from .refused import refused
 
+
+class Inspected(NamedTuple):
+    """What records and their control law show, whatever loads the axis.
+
+    Attributes
+    ----------
+    checked : tuple of Parity
+        Of each record.
+    found : tuple of Finding
+    """
+
+    checked: tuple[Parity, ...]
+    found: tuple[Finding, ...]
+
+    def under(self, loop: ClosedLoop) -> Inspected:
+        """Return the same of another model of the axis, with that law."""
+        laws = (replace(loop, controller=p.loop.controller) for p in self.checked)
+        pairs = zip(self.checked, laws, strict=True)
+        return self._replace(checked=tuple(replace(p, loop=law) for p, law in pairs))
+
+
 Progress = Callable[[str], None]
 _Folds = tuple[tuple[Side, ...], tuple[Fit, ...]]
 
@@ -38,6 +60,8 @@ class Task:
         Whether a force without a name is described.
     places : mapping of str to mapping, optional
         Where valleys of an effect are known to be: a search that begins in one ends there.
+    inspected : Inspected, optional
+        What another diagnosis of the same records found, under other loads.
     """
 
     record: Record
@@ -52,6 +76,7 @@ class Task:
     whole: bool = False
     described: bool = True
     places: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    inspected: Inspected | None = None
 
     @property
     def records(self) -> tuple[Record, ...]:
@@ -69,6 +94,7 @@ class Begun:
     third: Measured | None
     rules: Rules
     found: list[Finding]
+    inspected: Inspected
 
     @cached_property
     def whole(self) -> _Folds:
@@ -125,8 +151,9 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     law = preflight.identified(task.record, task.loop)
     task, loop, note = _followed(task)
     record, records, law = task.record, task.records, [*law, *note, *parts]
-    checked = tuple(threaded(parity.check, records, [loop] * len(records)))
-    found = _inspected(records, loop, checked)
+    known = task.inspected
+    inspected = _inspected(records, loop) if known is None else known.under(loop)
+    checked, found = inspected.checked, list(inspected.found)
     if any(f.fatal for f in found):
         return refused(record, loop, checked, [*found, *law])
     say("base model and floor")
@@ -150,7 +177,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     if any(p.clipped > SATURATED for p in checked):
         rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
     measured = tuple(replace(m, side=replace(m.side, places=task.places)) for m in measured)
-    return Begun(task, loop, measured, third, rules, [*found, *law])
+    return Begun(task, loop, measured, third, rules, [*found, *law], inspected)
 
 
 def mute(text: str) -> None:
@@ -191,15 +218,14 @@ def _bounded(task: Task, samples: int) -> tuple[Task, list[Finding]]:
     return task, [Finding(line, fatal=False) for line in told]
 
 
-def _inspected(
-    records: Sequence[Record], loop: ClosedLoop, checked: Sequence[Parity]
-) -> list[Finding]:
+def _inspected(records: Sequence[Record], loop: ClosedLoop) -> Inspected:
     """Return what is wrong with the records, or worth a word, by the record's name."""
+    checked = tuple(threaded(parity.check, records, [loop] * len(records)))
     seen = threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
     if len(records) == 1:
-        return seen[0]
+        return Inspected(checked, tuple(seen[0]))
     named = [preflight.named(s, r) for s, r in zip(seen, records, strict=True)]
-    return [*named[0], *named[1], *preflight.overlap(*records)]
+    return Inspected(checked, (*named[0], *named[1], *preflight.overlap(*records)))
 
 
 def _judging(

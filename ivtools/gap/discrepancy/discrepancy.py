@@ -315,8 +315,7 @@ def _warmth(fits: Sequence[Fit], runs: Sequence[Simulation], basis: Basis) -> tu
 
 def _ratio(columns: Array, e: Array) -> float:
     """Return by how much the second half of the columns enters for the first one, 0 to 1."""
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    one, two = np.split(normal(columns / size, e, 1e-6) / size, 2)
+    one, two = np.split(normal(columns, e, 1e-6), 2)
     return float(np.clip(one @ two / max(float(one @ one), 1e-300), 0.0, 1.0))
 
 

@@ -373,8 +373,7 @@ def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Arra
         forces = Basis({}, (period,)).waves(f.fold.simulate(f.loop, f.values))
         columns, e = beside(f, f.fold.answers(forces)), beside(f, f.e[:, None])[:, 0]
         for found, part in zip(left, (columns[:, :2], columns[:, 2:]), strict=True):
-            unit = part / np.maximum(np.linalg.norm(part, axis=0), 1e-300)
-            found.append(e - unit @ normal(unit, e, 1e-6))
+            found.append(e - part @ normal(part, e, 1e-6))
     return left
 
 

@@ -147,6 +147,8 @@ class Joint:
         if loads is self.rigid and not beside:
             return self.stiff
         settings = {**self.settings, "places": self._places}
+        if isinstance(self.stiff, Begun):
+            settings["inspected"] = self.stiff.inspected
         return _begun(self.j, loads, settings, own, beside)
 
 
