@@ -123,7 +123,7 @@ def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatc
             return 1.0 if point is None else best + abs(np.log(point["gap"] / 1e-4))
 
         monkeypatch.setattr(starts, "_cost", lambda *_, cost=cost: cost)
-        starts._deepest((side, side), (None, None), EFFECTS["backlash"])
+        starts._deepest((side, side), (None, None), EFFECTS["backlash"], 2.0)
     assert 2 * 256 < calls[1.0] < 0.8 * calls[0.9]
 
 
@@ -139,7 +139,7 @@ def test_a_search_ends_in_a_valley_that_is_known(scales, monkeypatch):
 
         monkeypatch.setattr(starts, "_cost", lambda *_, cost=cost: cost)
         calls.clear()
-        found = starts._deepest((side, side), (None, None), EFFECTS["backlash"])
+        found = starts._deepest((side, side), (None, None), EFFECTS["backlash"], 2.0)
         assert (len(calls) > 4) == searched
         assert (found == [known]) != searched
 

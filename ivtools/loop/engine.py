@@ -29,6 +29,7 @@ _BEGINNING = 0.3  # s that tell in which state a law began a record
 _START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
 _START_TIME = 0.021  # s; where they last longer, through fewer
 _FEWER, _BENT = (20, 14, 10, 7, 5, 4), 2.0  # until it leaves no more than so much of the noise
+_NUMBERS = mechanics.PARAMETERS.itemsize // 8  # of a parameter record
 
 
 class Plant(NamedTuple):
@@ -60,33 +61,58 @@ def plant(
         raise AxisError(
             f"inertia is {values.get('inertia', 'missing')}; a simulation needs a positive one"
         )
-    p, on = np.zeros(1, mechanics.PARAMETERS)[0], np.zeros(1, mechanics.FLAGS)[0]
-    p["gain"], p["delay"] = loop.gain, loop.delay
-    mine = tuple(term for term in loop.terms if TERMS.get(term.name) is not term)
-    for term in loop.terms:
-        if term not in mine:
-            on[term.name] = True
-            for name in term.names:
-                p[name] = values[name]
-    own = [values[name] for term in mine for name in term.names]
-    if len(own) > len(mechanics.OWN):
-        raise AxisError(f"own terms have {len(own)} parameters; at most {len(mechanics.OWN)} fit")
-    for name, value in zip(mechanics.OWN, own, strict=False):
-        p[name] = value
-    on["own"] = bool(mine)
+    form = _FORMS.get(loop)
+    if form is None:
+        form = _FORMS[loop] = _Form.of(loop.terms)
+    numbers, on = np.zeros(_NUMBERS), form.on.copy().view(mechanics.FLAGS)[0]
+    numbers[form.at] = [loop.gain, loop.delay, *(values[name] for name in form.names)]
+    p = numbers.view(mechanics.PARAMETERS)[0]  # field by field takes five times as long
     late = p["delay"] + p["drive-timing.delay"]
     if not 0.0 <= late <= _LONGEST_DELAY:
         raise AxisError(
             f"the drive's delay is {late:g} s; it lies between 0 and {_LONGEST_DELAY} s"
         )
-    on["laws"] = sum(mechanics.BITS.get(t.name, 0) for t in loop.terms if t not in mine)
     on["presliding"] &= bool(np.isfinite(p["presliding.stiffness"]))
-    on["two"] = any(on[name] for name in mechanics.TWO_MASSES)
     on["sign"] = not (stiction or on["presliding"])  # a bristle needs no rule of standstill
     on["beyond"] = on["laws"] or on["own"] or on["presliding"]
     timed = general or loop.delay > 0.0 or on["drive-timing"]
     on["effects"] = timed or on["two"] or on["sign"] or on["beyond"]
-    return Plant(p, on, _compile(mine, tuple(t.law for t in mine)) if mine else mechanics.no_law)
+    return Plant(p, on, form.user)
+
+
+class _Form(NamedTuple):
+    """What the terms of a loop make of its plant, whatever their parameters are."""
+
+    names: tuple[str, ...]  # of the parameters
+    at: list[int]  # of the drive's gain and delay, and of the parameters, among the plant's numbers
+    on: NDArray[np.uint8]  # a flag record, byte by byte
+    user: Callable[..., float]
+
+    @classmethod
+    def of(cls, terms: tuple[Term, ...]) -> _Form:
+        flags = np.zeros(mechanics.FLAGS.itemsize, np.uint8)
+        on = flags.view(mechanics.FLAGS)[0]
+        mine = tuple(term for term in terms if TERMS.get(term.name) is not term)
+        known = [term for term in terms if term not in mine]
+        for term in known:
+            on[term.name] = True
+        own = [name for term in mine for name in term.names]
+        if len(own) > len(mechanics.OWN):
+            raise AxisError(
+                f"own terms have {len(own)} parameters; at most {len(mechanics.OWN)} fit"
+            )
+        on["own"] = bool(mine)
+        on["laws"] = sum(mechanics.BITS.get(t.name, 0) for t in known)
+        on["two"] = any(on[name] for name in mechanics.TWO_MASSES)
+        names = [name for term in known for name in term.names]
+        places: Any = mechanics.PARAMETERS.fields
+        fields = ("gain", "delay", *names, *mechanics.OWN[: len(own)])
+        at = [places[field][1] // 8 for field in fields]
+        user = _compile(mine, tuple(t.law for t in mine)) if mine else mechanics.no_law
+        return cls((*names, *own), at, flags, user)
+
+
+_FORMS: WeakKeyDictionary[ClosedLoop, _Form] = WeakKeyDictionary()
 
 
 @lru_cache(maxsize=16)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ class Model:
     joint: str
     start: Mapping[str, float]
 
-    @property
+    @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """Every parameter by its full name."""
         return {n: p for t in self.terms for n, p in zip(t.names, t.parameters, strict=True)}

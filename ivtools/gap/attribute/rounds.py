@@ -213,20 +213,21 @@ def _tried(
     chosen += [n for n in gains if n == seen and n not in chosen]
     tried: list[Trial] = []
 
-    def fit(names: list[str]) -> float:
+    def fit(names: list[str], best: float = 0.0) -> float:
         """Try some effects; return the largest gain that reaches its threshold so far."""
+        left = (1.0 - best) * cost(held)
         tasks = [[f[n] for f in found] for n in names]
-        made = threaded(lambda scores: attempt(sides, fits, held, scores), tasks)
+        made = threaded(lambda scores: attempt(sides, fits, held, scores, left), tasks)
         tried.extend(trial for trial in made if trial is not None)
         return _largest(tried, rules)
 
     best = fit(chosen[:2])
-    best = fit([n for n in chosen[2:] if gains[n] > RIVAL * best])
+    best = fit([n for n in chosen[2:] if gains[n] > RIVAL * best], best)
     gap = max(cost(held) - 1.0, 1e-9)
     rough, left = max(s.rough for s in sides) > ROUGH, (1.0 - best) * cost(held)
     if rough and left > ADEQUATE and best * cost(held) < ALL_CLOSED * gap:
         hopeless = {n for n, r in removed.items() if r < rules.search_left * (left - 1.0)}
-        fit(sorted(valleys - {*chosen} - hopeless))
+        fit(sorted(valleys - {*chosen} - hopeless), best)
     return tried
 
 

@@ -16,17 +16,31 @@ from .trial import Trial
 
 
 def attempt(
-    sides: tuple[Side, ...], fits: tuple[Fit, ...], before: tuple[Fit, ...], scores: list[Score]
+    sides: tuple[Side, ...],
+    fits: tuple[Fit, ...],
+    before: tuple[Fit, ...],
+    scores: list[Score],
+    left: float,
 ) -> Trial | None:
     """Fit an effect on each fold, and judge it on the other; None if there is nothing to fit.
 
     One that depends on the position is fitted and judged where both folds have been.
+
+    Parameters
+    ----------
+    sides : tuple of Side
+    fits, before : tuple of Fit
+        The model without it, fitted to each fold, and with the effects that the other one found.
+    scores : list of Score
+        Its screening on each.
+    left : float
+        Whitened energy that everything else leaves: how hard to look for it.
     """
     term = scores[0].term
     if term.local:
         sides = tuple(s.common for s in sides)
         fits, before = common(fits), common(before)
-    begin = starts(sides, fits, scores)
+    begin = starts(sides, fits, scores, left)
     if not all(begin):
         return None
     new = tuple(threaded(lambda s, f, b: _extended(s, f, term, b), sides, fits, begin))

@@ -37,7 +37,7 @@ Point = dict[str, float]
 
 
 def starts(
-    sides: tuple[Side, ...], fits: tuple[Fit, ...], scores: list[Score]
+    sides: tuple[Side, ...], fits: tuple[Fit, ...], scores: list[Score], left: float
 ) -> tuple[list[Point], ...]:
     """Return, per fold, the values from which an effect is fitted, by short name; or none.
 
@@ -48,11 +48,14 @@ def starts(
         The model without the effect, on each fold.
     scores : list of Score
         Its screening on each.
+    left : float
+        Whitened energy that everything else leaves.
     """
     term = scores[0].term
+    if term.search == "valleys" and term.law is None:
+        return (_deepest(sides, fits, term, left),) * len(sides)
     if term.search == "valleys":
-        search = _deepest if term.law is None else _delivered
-        return (search(sides, fits, term),) * len(sides)
+        return (_delivered(sides, fits, term),) * len(sides)
     if term.search == "either":
         return tuple(alternatives(term, s.scales) for s in sides)
     return tuple(s.starts for s in scores)
@@ -74,7 +77,9 @@ def beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, fl
     return fit.values
 
 
-def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:
+def _deepest(
+    sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term, left: float
+) -> list[Point]:
     """Return the point with the least error on both folds together, by differential evolution.
 
     None where each is worse than no effect at all; that which is known where it is not.
@@ -93,7 +98,7 @@ def _deepest(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list
         return [known]
     boxes = Box.of(term, sides[0].scales)
     found = [_evolved(costs, plain, box, _power(box, FIRST_CROWD)) for box in boxes]
-    if plain > LARGE * len(sides) and min(found, key=_cheapest)[0] > HOPELESS * plain:
+    if left > LARGE and min(found, key=_cheapest)[0] > HOPELESS * plain:
         # a valley may lie between few points
         wider = [box for box in boxes if _power(box, SECOND_CROWD) > _power(box, FIRST_CROWD)]
         found += [_evolved(costs, plain, box, _power(box, SECOND_CROWD)) for box in wider]
