@@ -163,12 +163,14 @@ def jacobian(
     step: Mapping[str, float],
     simulation: Simulation,
     e: Array,
+    near: Fit | None = None,
 ) -> Array:
     """Return the derivative of the whitened error, (n_kept, n_free).
 
     A parameter of a force law acts through its force along the simulated trajectory and the
     loop's linear response; one that changes the structure is simulated once more, and so is every
-    one where a robot's link is behind a second mass: the response is that of a rigid joint.
+    one where a robot's link is behind a second mass: the response is that of a rigid joint. What
+    a fit `near` by knows of these need not be simulated.
     """
     rigid = fold.link is None or not any(t.search == "valleys" for t in loop.terms)
     owner = {n: t for t in loop.terms for n in t.names}
@@ -184,7 +186,11 @@ def jacobian(
         change = -step[name] if at_top else step[name]
         return (fold.error(loop, {**values, name: values[name] + change}) - e) / change
 
-    others = [column for column in range(len(free)) if column not in forces]
+    known = () if near is None else near.free
+    others = [k for k, name in enumerate(free) if k not in forces and name not in known]
+    for k, name in enumerate(free):
+        if near is not None and k not in forces and name in known:
+            J[:, k] = near.J[:, known.index(name)]
     for column, slope in zip(others, threaded(simulated, [free[k] for k in others]), strict=True):
         J[:, column] = slope
     if forces:
@@ -218,6 +224,7 @@ def gauss_newton(
     free: Sequence[str],
     step: Mapping[str, float],
     iterations: int = JACOBIANS,
+    near: Fit | None = None,
 ) -> Fit:
     """Minimise the whitened simulated-command error over the free parameters.
 
@@ -233,6 +240,8 @@ def gauss_newton(
         Finite-difference steps, as `steps` gives them.
     iterations : int
         At most so many Jacobians.
+    near : Fit, optional
+        On the same samples, near by: its Jacobian serves the first step.
 
     Returns
     -------
@@ -243,7 +252,7 @@ def gauss_newton(
     e = fold.judged(loop, simulation)
     if not simulation.finite:  # nothing to descend on: its cost says so
         return Fit(fold, loop, values, free, e, np.zeros((len(e), len(free))))
-    J = jacobian(fold, loop, values, free, step, simulation, e)
+    J = jacobian(fold, loop, values, free, step, simulation, e, near)
     for _ in range(iterations):
         move = _move(loop, values, free, J, e, np.array([step[n] for n in free]))
         trial, simulation, e_new = _search(fold, loop, values, free, move, e, simulation)

@@ -113,10 +113,10 @@ def _extended(side: Side, fit: Fit, term: Term, begin: list[Point]) -> Fit:
         loop = fit.loop.with_effect(term, **values)
         step = steps(side.fold, loop, side.scales)
         free = [*fit.free, *_free(term, values)]
-        new = gauss_newton(side.fold, loop, loop.values(base), free, step)
+        new = gauss_newton(side.fold, loop, loop.values(base), free, step, near=fit)
         if new.cost > fit.cost:  # the base parameters must give way first: begin without it
             plain = {**loop.values(fit.values), **_absent(term)}
-            new = gauss_newton(side.fold, loop, plain, free, step)
+            new = gauss_newton(side.fold, loop, plain, free, step, near=fit)
         found.append(new)
     return min(found, key=lambda f: f.cost)
 
