@@ -332,17 +332,17 @@ def threaded(f: Callable[..., Result], *items: Iterable[Any]) -> list[Result]:
             _SECOND.release()
 
     with ThreadPoolExecutor(1) as pool:
-        helped = None
+        helped = []
         try:
             for k in waiting:
                 if k + 1 < len(tasks) and _SECOND.acquire(blocking=False):
-                    helped = pool.submit(help_out)
+                    helped.append(pool.submit(help_out))
                 done[k] = f(*tasks[k])
         finally:
             for _ in waiting:  # what fails here ends there too
                 pass
-        if helped is not None:
-            helped.result()
+        for one in helped:  # what failed there fails here
+            one.result()
     return [done[k] for k in range(len(tasks))]
 
 

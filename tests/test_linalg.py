@@ -278,3 +278,51 @@ def test_blocks_that_hold_one_row_each_are_whites_covariance(system):
     halves = linalg.block_covariance(scores, np.array([0, 200]))
     sums = np.stack([scores[:200].sum(axis=0), scores[200:].sum(axis=0)])
     np.testing.assert_allclose(halves, sums.T @ sums, rtol=1e-12)
+
+
+# --- metric ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def metric():
+    """One with noise of order 2, every third sample left out, and three directions in doubt."""
+    rng = np.random.default_rng(3)
+    at = np.flatnonzero(np.arange(300) % 3)
+    doubted = np.linalg.qr(rng.standard_normal((len(at), 3)))[0].T
+    return linalg.Metric([1.0, -0.6, 0.2], at, doubted, [1.0, 0.5, 1e-3])
+
+
+@pytest.mark.parametrize("shape", [(300,), (300, 4), (300, 2, 2)])
+def test_a_metric_whitens_keeps_and_discounts(metric, shape):
+    """The same as by filter, mask and projections, in any memory order."""
+    x = np.random.default_rng(1).standard_normal(shape)
+    white = linalg.fir(metric.taps, x)[metric.at]
+    flat = white.reshape(len(white), -1)
+    part = metric.doubted @ flat
+    wanted = (flat - metric.doubted.T @ (metric.shares[:, None] * part)).reshape(white.shape)
+    for one in (x, np.asfortranarray(x)):
+        np.testing.assert_allclose(metric(one), wanted, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(metric.discounted(white), wanted, rtol=1e-12, atol=1e-14)
+
+
+def test_what_rows_leave_is_the_energy_beside_them(metric):
+    x = np.random.default_rng(2).standard_normal(300)
+    white = linalg.fir(metric.taps, x)[metric.at]
+    rows = metric.doubted[:2]
+    beside = white - rows.T @ (rows @ white)
+    assert np.isclose(metric.left(x, rows), np.mean(beside**2), rtol=1e-12)
+
+
+@given(st.integers(1, 6), st.integers(0, 3), st.floats(0.0, 8.0))
+@settings(deadline=None, max_examples=40)
+def test_independent_combinations_are_orthonormal_and_span_the_columns(count, more, size):
+    rng = np.random.default_rng(count + 10 * more)
+    X = rng.standard_normal((80, count)) * 10.0 ** rng.uniform(-size, size, count)
+    X = np.column_stack([X, X @ rng.standard_normal((count, more)), np.zeros(80)])
+    T = linalg.independent(X, 1e-12)
+    Q = X @ T
+    assert T.shape == (count + more + 1, count)
+    np.testing.assert_allclose(Q.T @ Q, np.eye(count), atol=1e-6)
+    np.testing.assert_allclose(
+        X[:, :count] - Q @ (Q.T @ X[:, :count]), 0.0, atol=1e-6 * np.max(np.abs(X))
+    )

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from ivtools.errors import IVToolsError, WorkersLostError
-from ivtools.workers import outcomes
+from ivtools.workers import outcomes, threaded
 
 
 def deadly(number, folder):
@@ -109,3 +110,38 @@ def test_workers_end_with_the_command_and_what_is_finished_is_kept(tmp_path, how
         assert time.monotonic() < until, left
         time.sleep(0.1)
     assert {f.name[:5] for f in rows.iterdir()} <= {"part-", ".part", ".in-u"}
+
+
+def test_two_threads_do_the_parts_of_parts():
+    """Results keep their order; the thread that has nothing left to do helps with small parts."""
+    seen = set()
+
+    def part(k):
+        time.sleep(0.01)
+        seen.add(threading.get_ident())
+        return k
+
+    def whole(parts):
+        return threaded(part, range(parts))
+
+    assert threaded(whole, [1, 30]) == [[0], list(range(30))]
+    assert len(seen) >= 2  # however the parts fell to them
+    before = len(seen)
+    seen.clear()
+    assert whole(30) == list(range(30))
+    assert len(seen) == 2
+    assert before <= 3
+
+
+@pytest.mark.parametrize("faulty", [{0}, {1}, {0, 1}, {7}])
+def test_what_fails_on_a_thread_fails_and_leaves_both_free(faulty):
+    def part(k):
+        time.sleep(0.002)
+        if k in faulty:
+            raise ValueError(k)
+        return k
+
+    for _ in range(3):
+        with pytest.raises(ValueError, match="^[017]$"):
+            threaded(part, range(8))
+    assert threaded(part, range(20, 28)) == list(range(20, 28))

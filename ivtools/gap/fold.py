@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +37,7 @@ from .rules import (
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-
 Values = Mapping[str, float]
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)

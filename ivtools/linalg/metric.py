@@ -50,6 +50,12 @@ class Metric:
     doubted: Array = field(default_factory=lambda: _NO_ROWS)
     shares: Array = field(default_factory=lambda: _NO_SHARES)
 
+    def __post_init__(self) -> None:
+        for name in ("taps", "doubted", "shares"):  # compiled code takes them as they are
+            one = np.ascontiguousarray(getattr(self, name), dtype=float)
+            object.__setattr__(self, name, one)
+        object.__setattr__(self, "at", np.ascontiguousarray(self.at, dtype=np.int64))
+
     def __call__(self, x: Array) -> Array:
         """Return signals (n_samples, ...) as they count, (n, ...)."""
         rows = np.ascontiguousarray(np.asarray(x, dtype=float).T).reshape(-1, len(x))
