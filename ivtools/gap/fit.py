@@ -247,7 +247,7 @@ def gauss_newton(
     -------
     Fit
     """
-    values, free = dict(values), tuple(free)
+    values, free = _heavy_enough(fold, loop, dict(values)), tuple(free)
     simulation = fold.simulate(loop, values)
     e = fold.judged(loop, simulation)
     if not simulation.finite:  # nothing to descend on: its cost says so
@@ -331,6 +331,7 @@ def _search(
         trial = {**values}
         for name, change in zip(free, move, strict=True):
             trial[name] = _bounded(loop, name, values[name], factor * change)
+        trial = _heavy_enough(fold, loop, trial)
         found = fold.simulate(loop, trial)
         e_new = fold.judged(loop, found)
         if e_new @ e_new < e @ e:
@@ -346,6 +347,16 @@ def _bounded(loop: ClosedLoop, name: str, value: float, change: float) -> float:
     if name == "inertia" or (not p.linear and p.lower >= 0.0 and value > 0.0):
         new = float(np.clip(new, value / REACH, value * REACH))
     return float(np.clip(new, p.lower, p.upper))
+
+
+def _heavy_enough(fold: Fold, loop: ClosedLoop, values: dict[str, float]) -> dict[str, float]:
+    """Return values with which a robot's link has some inertia left in its lightest pose."""
+    shares = [n for n in loop.parameters if n.endswith(".load_share") and values[n] > 0.0]
+    link = values["inertia"] * (values[shares[0]] if shares else 1.0)
+    if link >= fold.least_link:
+        return values
+    name, more = shares[0] if shares else "inertia", fold.least_link / link
+    return {**values, name: min(values[name] * more, loop.parameters[name].upper)}
 
 
 def start(fold: Fold, loop: ClosedLoop) -> dict[str, float]:

@@ -66,7 +66,8 @@ def follow(diagnosis: Diagnosis, part: Alone, dq: Array, ddq: Array) -> Behind:
 
     Under its load it swings behind the drive, from a start that its force on the drive tells; a gap
     lies on the side to which it is pulled, and the link behind it is jerked when a simulation of
-    that joint says.
+    that joint says. One that strays from its drive farther than that moves does no such thing: a
+    link that is too light for its poses swings up without end. It is then taken for rigid.
 
     Parameters
     ----------
@@ -103,6 +104,8 @@ def follow(diagnosis: Diagnosis, part: Alone, dq: Array, ddq: Array) -> Behind:
     moves[: round(LINKED_TRANSIENT / part.record.dt)] = False
     begun = np.linalg.lstsq(unknown[:2, 2, moves].T, (told - link[2])[moves])[0]
     link = link + np.tensordot(begun, unknown[:2], 1)
+    if not np.max(np.abs(link[0] - q)) < np.ptp(q):
+        return Behind(q, ddq, np.zeros((0, 2, len(q))))
     return Behind(link[0], link[1], unknown[:, :2])
 
 
