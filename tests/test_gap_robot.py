@@ -14,11 +14,12 @@ import ivtools as iv
 from benchmarks.withheld.robots import simulated, split
 from ivtools.cli import run
 from ivtools.errors import AxisError
+from ivtools.gap import fit
 from ivtools.gap.attribute import Supposed, selection
 from ivtools.gap.candidate import starts
 from ivtools.gap.fit import gauss_newton
 from ivtools.gap.fold import Doubt, Fold, Link, usable
-from ivtools.gap.robot import alone, assumed, heard, identified, joint, links
+from ivtools.gap.robot import alone, assumed, behind, heard, identified, joint, links
 from ivtools.physics import EFFECTS
 
 
@@ -224,6 +225,37 @@ def test_a_link_swings_behind_its_drive():
         sim = shoulder.loop.simulate(shoulder.record, shoulder.loop.start)
         errors.append(np.std((sim.tau - shoulder.loop.force(shoulder.record))[3000:]))
     assert errors[1] < 0.7 * errors[0], errors
+
+
+@pytest.mark.parametrize(("damping", "strays"), [(0.003, True), (0.5, False)])
+def test_a_link_that_swings_up_without_end_is_taken_for_rigid(damping, strays):
+    """Its inertia comes and goes at twice its frequency, as a child pumps a swing."""
+    record, hz = measured(two_loop(), 3, seconds=8.0).joint(1), 10.0
+    pumped = 0.017 * np.sin(4.0 * np.pi * hz * np.sqrt(0.5) * record.t)
+    pumped = np.column_stack([0.0 * record.t, pumped])
+    theta = {**two_loop().axes[1].start, "inertia": 0.04, "flexibility.frequency_hz": hz}
+    theta |= {"flexibility.damping": damping, "flexibility.load_share": 0.5}
+    soft = SimpleNamespace(effects=("flexibility",), theta=theta)
+    part = behind.Alone(record, two_loop().axes[1], pumped, pumped[:, :0])
+    dq = np.gradient(record.q[:, 0], record.dt)
+    link = behind.follow(soft, part, dq, np.gradient(dq, record.dt))
+    assert np.array_equal(link.q, record.q[:, 0]) == strays
+    assert (len(link.unknown) == 0) == strays
+
+
+@pytest.mark.parametrize(("inertia", "share"), [(30.0, None), (100.0, 0.4)])
+def test_a_fit_gives_a_link_no_less_than_its_poses_take_of_it(inertia, share, twin):
+    lacks = np.column_stack([0.0 * twin.t, -50.0 * np.sin(twin.t) ** 2])
+    one = Fold(twin, np.ones(twin.n_samples, bool), link=Link(twin.t, lacks))
+    loop = iv.axes.emps()
+    loop = loop if share is None else loop.with_effect("flexibility", load_share=share)
+    theta = {"viscous": 200.0, "coulomb": 20.0, "offset": 0.0}
+    values = fit._heavy_enough(one, loop, loop.values({**theta, "inertia": inertia}))
+    link = values["inertia"] * values.get("flexibility.load_share", 1.0)
+    assert link == pytest.approx(one.least_link) and one.least_link == pytest.approx(55.6, rel=1e-2)
+    assert (values["inertia"] == inertia) == (share is not None)
+    enough = loop.values({**theta, "inertia": 500.0})
+    assert fit._heavy_enough(one, loop, enough) is enough
 
 
 def behind_a_gap(joint):

@@ -100,11 +100,12 @@ def follow(diagnosis: Diagnosis, part: Alone, dq: Array, ddq: Array) -> Behind:
     )
     unknown = np.array(others) - link
     told = _driven(part, theta, mass[2], (q, dq, ddq), part.loop.force(part.record)[:, 0])
-    moves = np.abs(dq) > CRAWLING * np.max(np.abs(dq))  # else stiction tells
-    moves[: round(LINKED_TRANSIENT / part.record.dt)] = False
+    settled = slice(round(LINKED_TRANSIENT / part.record.dt), None)
+    moves = np.zeros(len(q), dtype=bool)
+    moves[settled] = np.abs(dq[settled]) > CRAWLING * np.max(np.abs(dq))  # else stiction tells
     begun = np.linalg.lstsq(unknown[:2, 2, moves].T, (told - link[2])[moves])[0]
     link = link + np.tensordot(begun, unknown[:2], 1)
-    if not np.max(np.abs(link[0] - q)) < np.ptp(q):
+    if not np.max(np.abs(link[0] - q)[settled]) < np.ptp(q):
         return Behind(q, ddq, np.zeros((0, 2, len(q))))
     return Behind(link[0], link[1], unknown[:, :2])
 
