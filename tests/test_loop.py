@@ -604,3 +604,14 @@ def test_a_record_of_a_slow_clock_may_begin_in_motion():
         error = (loop.simulate(record, theta).nu - record.nu)[: int(hz)]
         missed.append(np.std(error) / np.std(record.nu))
     assert max(missed) < 0.03 and np.median(missed) < 0.005
+
+
+@pytest.mark.parametrize("effect", ["backlash", "flexibility"])
+def test_a_simulation_ends_where_it_diverges(effect, twin):
+    """Next to no inertia under friction: steps through what is left of it took half a minute."""
+    loop = axes.emps().with_effect(effect, load_share=0.5)
+    theta = {"inertia": 1e-4, "viscous": 200.0, "coulomb": 20.0, "offset": 0.0}
+    simulation = loop.simulate(twin, loop.values(theta))
+    assert not simulation.finite
+    assert np.isnan(simulation.nu[len(twin.t) // 2 :]).all()
+    assert axes.emps().simulate(twin, {**theta, "inertia": 95.0}).finite

@@ -13,6 +13,7 @@ import numpy as np
 from numba import boolean, float64, from_dtype, int64, types, void
 
 from ..compiled import cached, compiled
+from ..limits import LARGEST
 from ..physics.sensor import encoder
 from .integrator import drive_delay, heavier, plan, plant_step, rigid_step
 from .mechanics import FLAGS, PARAMETERS, SCALAR_LAW, held_link, with_swing
@@ -205,6 +206,9 @@ def run(
             )
             q, v = x[0], x[1]
         out[2, k] = a
+        if not abs(q) + abs(v) < LARGEST:  # each further step would look for events that are none
+            out[:, k:] = np.nan
+            return
 
 
 @cached()
