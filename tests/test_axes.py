@@ -171,10 +171,7 @@ def test_the_mask_leaves_rows_that_have_a_direction(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.35, 0.5, 0.7, 1.4, 2.0])
 def test_no_fixed_cut_off_is_much_better(factor):
-    """The default is within a factor of 2 of the others, in RMSE over five records, as a rule.
-
-    A third of it is 2.9 times better on two of the twelve axes, which have errors below 1.1 %.
-    """
+    """The default is within a factor of 2 of the others, in RMSE over five records, as a rule."""
     ratios = []
     for case in population(12, seed=37, noise="white"):
         errors = {1.0: [], factor: []}
@@ -190,7 +187,7 @@ def test_no_fixed_cut_off_is_much_better(factor):
                 found.append(np.mean((fit.params.to_numpy() / true - 1.0) ** 2))
         if errors[factor]:
             ratios.append(np.sqrt(np.mean(errors[1.0]) / np.mean(errors[factor])))
-    assert np.mean(np.array(ratios) < 2.0) >= 0.8
+    assert np.mean(np.array(ratios) < 2.0) >= 0.9
 
 
 def test_the_study_has_its_axes_and_noises():

@@ -250,12 +250,12 @@ def test_a_fit_gives_a_link_no_less_than_its_poses_take_of_it(inertia, share, tw
     loop = iv.axes.emps()
     loop = loop if share is None else loop.with_effect("flexibility", load_share=share)
     theta = {"viscous": 200.0, "coulomb": 20.0, "offset": 0.0}
-    values = fit._heavy_enough(one, loop, loop.values({**theta, "inertia": inertia}))
+    values = fit.heavy_enough(one, loop, loop.values({**theta, "inertia": inertia}))
     link = values["inertia"] * values.get("flexibility.load_share", 1.0)
     assert link == pytest.approx(one.least_link) and one.least_link == pytest.approx(55.6, rel=1e-2)
     assert (values["inertia"] == inertia) == (share is not None)
     enough = loop.values({**theta, "inertia": 500.0})
-    assert fit._heavy_enough(one, loop, enough) is enough
+    assert fit.heavy_enough(one, loop, enough) is enough
 
 
 def behind_a_gap(joint):

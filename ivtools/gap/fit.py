@@ -247,7 +247,7 @@ def gauss_newton(
     -------
     Fit
     """
-    values, free = _heavy_enough(fold, loop, dict(values)), tuple(free)
+    values, free = heavy_enough(fold, loop, dict(values)), tuple(free)
     simulation = fold.simulate(loop, values)
     e = fold.judged(loop, simulation)
     if not simulation.finite:  # nothing to descend on: its cost says so
@@ -331,7 +331,7 @@ def _search(
         trial = {**values}
         for name, change in zip(free, move, strict=True):
             trial[name] = _bounded(loop, name, values[name], factor * change)
-        trial = _heavy_enough(fold, loop, trial)
+        trial = heavy_enough(fold, loop, trial)
         found = fold.simulate(loop, trial)
         e_new = fold.judged(loop, found)
         if e_new @ e_new < e @ e:
@@ -349,8 +349,11 @@ def _bounded(loop: ClosedLoop, name: str, value: float, change: float) -> float:
     return float(np.clip(new, p.lower, p.upper))
 
 
-def _heavy_enough(fold: Fold, loop: ClosedLoop, values: dict[str, float]) -> dict[str, float]:
-    """Return values with which a robot's link has some inertia left in its lightest pose."""
+def heavy_enough(fold: Fold, loop: ClosedLoop, values: dict[str, float]) -> dict[str, float]:
+    """Return values with which a robot's link has some inertia left in its lightest pose.
+
+    These very values, if it has.
+    """
     shares = [n for n in loop.parameters if n.endswith(".load_share") and values[n] > 0.0]
     link = values["inertia"] * (values[shares[0]] if shares else 1.0)
     if link >= fold.least_link:

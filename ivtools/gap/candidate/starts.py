@@ -11,7 +11,7 @@ from scipy.stats import qmc
 
 from ...physics import Term
 from ...workers import threaded
-from ..fit import Fit
+from ..fit import Fit, heavy_enough
 from ..fold import Fold, Side, settling
 from ..library import Box, alternatives
 from ..rules import (
@@ -200,9 +200,8 @@ def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
         """Return the mean square of the whitened error."""
         if point is None:
             return left(fit.loop, fit.values)
-        if point.get("load_share", 1.0) * base["inertia"] < fold.least_link:
-            return float("inf")
-        return left(loop, {**base, **{f"{term.name}.{k}": v for k, v in point.items()}})
+        values = {**base, **{f"{term.name}.{k}": v for k, v in point.items()}}
+        return left(loop, values) if heavy_enough(fold, loop, values) is values else float("inf")
 
     return cost
 
