@@ -99,6 +99,24 @@ def test_what_has_no_name_is_described():
     assert gap.verdict == "unexplained" and "left: a force of" in gap.summary()
 
 
+def frayed(q, dq, ddq, sign, tau, t, size):
+    """A way that is worn beyond two thirds of the stroke: bumps, and only there."""
+    return size * np.sin(900.0 * q) * sign * (q > 0.16)
+
+
+FRAYED = Term("frayed", "mechanics", (Parameter("size", "{F}"),), "worn end", "a test", law=frayed)
+
+
+def test_a_gap_that_only_one_record_can_show_is_no_force_from_outside():
+    loop = iv.axes.emps().with_effect(FRAYED, size=6.0)
+    theta = loop.values(BASE)
+    far, near = (moves.record(loop, theta, SECONDS, 30, (0.0, end)) for end in (0.24, 0.15))
+    gap = iv.diagnose(far, iv.axes.emps(), near)
+    assert gap.effects == () and gap.verdict == "unexplained"
+    assert "only one of the records has been" in gap.summary()
+    assert gap.block != "outside"
+
+
 def worn(q, dq, ddq, sign, tau, t, size):
     """Friction that is periodic over position: no effect of the library is."""
     return size * np.cos(2.0 * np.pi * q / 0.007) * sign

@@ -329,7 +329,8 @@ WORTH_A_FIT = 0.4
 ROUGH = 0.1
 #: Of what all effects remove: an effect whose loss costs less is dropped again (training).
 SUPERFLUOUS = 0.05
-#: Of the gap: what removes it and has no name is supposed to be there (definition: most of it).
+#: Of the gap: what removes it and has no name is supposed to be there, and where that much of it
+#: lies, it lies (definition: most of it).
 MOST = 0.5
 #: Draws of the bootstrap of the p values (theory: resolves 0.002).
 DRAWS = 500

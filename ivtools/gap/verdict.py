@@ -12,7 +12,7 @@ import numpy as np
 
 from ..loop import ClosedLoop
 from ..units import quantity
-from .attribute import Attribution
+from .attribute import Attribution, cost
 from .candidate import phases
 from .fit import Fit, common, gauss_newton, steps
 from .floor import Measured
@@ -28,6 +28,7 @@ from .rules import (
     EXPLAINED,
     FAINT,
     HEARD,
+    MOST,
     OVER_FLOOR,
     REPEATS,
     SHORT,
@@ -45,6 +46,20 @@ VERDICTS = {
     "unexplained": "there is a gap that no known effect explains",
     "non-repeatable": "the gap comes and goes: something from outside, or a changed setting",
 }
+
+#: Of a gap that no law of the axis's own motion describes.
+OUTSIDE = Finding(
+    "what is left follows neither position nor speed nor load of this axis: it looks like a force "
+    "from outside that the model does not know, as another joint's motion or a hand makes; log it "
+    "as load, or take the whole robot (--robot)",
+    fatal=False,
+)
+#: Of a gap that the other record cannot judge.
+ELSEWHERE = Finding(
+    "most of what is left lies where only one of the records has been, or later than the other one "
+    "ends: no effect can be proved there; record both along the same stroke, and as long",
+    fatal=False,
+)
 
 
 @dataclass(frozen=True)
@@ -164,10 +179,12 @@ def decide(
 
 
 def _comes_and_goes(m: Measured, left: float, allowed: float) -> bool:
-    """Whether stretches of a record stand out.
+    """Whether stretches of a record stand out, and are the gap.
 
-    The load of a robot's joint is wrong now and then, where its links are hardly known or another
-    joint's link swings: there the stretches must be the gap, and all of it.
+    Where a gap is left without them, a law of the state may be behind both: friction over position
+    stands out where the other record has not been. The load of a robot's joint is wrong now and
+    then, where its links are hardly known or another joint's link swings: there the stretches must
+    show in the whole record.
 
     Parameters
     ----------
@@ -177,8 +194,8 @@ def _comes_and_goes(m: Measured, left: float, allowed: float) -> bool:
     allowed : float
         Energy of a model that is adequate.
     """
-    linked = m.fold.link is not None
-    return m.floor.isolated and (not linked or left <= allowed < m.base.cost)
+    shows = m.fold.link is None or allowed < m.base.cost
+    return m.floor.isolated and left <= allowed and shows
 
 
 def lowers(shrink: Shrink, simulated: bool, removed: float) -> bool:
@@ -206,14 +223,18 @@ def no_better(effects: Sequence[str], shrink: Shrink) -> Finding:
     return Finding(f"{text}: nothing is named", fatal=False)
 
 
-def outside() -> Finding:
-    """Return what to say of a gap that no law of the axis's own motion describes."""
-    return Finding(
-        "what is left follows neither position nor speed nor load of this axis: it looks like a "
-        "force from outside that the model does not know, as another joint's motion or a hand "
-        "makes; log it as load, or take the whole robot (--robot)",
-        fatal=False,
-    )
+def remainder(held: Sequence[Fit], shrink: Shrink) -> Finding | None:
+    """Return what to say of a gap that no law describes; None if it is hardly above the floor.
+
+    Parameters
+    ----------
+    held : sequence of Fit
+        The model with all that is named, on each fold.
+    shrink : Shrink
+    """
+    if cost(common(held)) - 1.0 < MOST * (cost(held) - 1.0):
+        return ELSEWHERE
+    return OUTSIDE if shrink.after > OVER_FLOOR * shrink.floor else None
 
 
 def _moved(result: Attribution) -> bool:

@@ -15,7 +15,7 @@ from ..fit import Fit, common, gauss_newton, steps
 from ..floor import Measured, masked
 from ..fold import Fold
 from ..preflight import Finding
-from ..rules import AT_CONTROLLER, DESCRIBED, OVER_FLOOR, REPEATS
+from ..rules import AT_CONTROLLER, DESCRIBED, REPEATS
 from .begun import Begun, Progress, mute
 
 
@@ -47,7 +47,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold) -> Diagnosis:
     changed = verdict.changes(result, task.tolerance) if repeats < REPEATS else {}
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
     nameless = word == "unexplained" and tell and left is None
-    outside = nameless and shrink.after > OVER_FLOOR * shrink.floor
+    remark = verdict.remainder(result.held, shrink) if nameless else None
     return Diagnosis(
         verdict=word,
         effects=effects,
@@ -58,13 +58,13 @@ def _answer(begun: Begun, result: Attribution, fold: Fold) -> Diagnosis:
             controller=any(p.delay != declared for p in checked),
             events=any(m.floor.isolated for m in measured),
             gap=word != "adequate",
-            outside=outside,
+            outside=remark is verdict.OUTSIDE,
         ),
         regions=locate.regions(fold.record, fold.keep, traces.before, traces.after),
         shrink=shrink,
         ranking=verdict.ranking(result, rules, max(before - 1.0, 1e-9)),
         advice=(*advice.motions(result), *advice.remarks(loop, measured, result, held_out)),
-        findings=(*begun.found, *said, *([verdict.outside()] if outside else [])),
+        findings=(*begun.found, *said, *([remark] if remark else [])),
         parity=checked,
         floors=tuple(m.floor for m in measured),
         loop=result.fits[0].loop,
