@@ -167,8 +167,9 @@ def decide(
         return "explained" if small or shrink.closed >= EXPLAINED else "partial"
     few = min(m.fold.n_kept for m in measured)
     allowed = ADEQUATE + (SHORT / few) ** 2
-    left = float(np.mean([h.cost for h in result.held]))
-    if changed or (repeats < REPEATS and any(_comes_and_goes(m, left, allowed) for m in measured)):
+    each = [h.cost for h in result.held]
+    left = float(np.mean(each))
+    if changed or (repeats < REPEATS and any(_comes_and_goes(m, each, allowed) for m in measured)):
         return "non-repeatable"
     between = measured[-1].floor.between
     above = between is not None and shrink.after > OVER_FLOOR * between and not small
@@ -178,24 +179,25 @@ def decide(
     return "non-repeatable" if _moved(result) else "unexplained"
 
 
-def _comes_and_goes(m: Measured, left: float, allowed: float) -> bool:
-    """Whether stretches of a record stand out, and are the gap.
+def _comes_and_goes(m: Measured, left: Sequence[float], allowed: float) -> bool:
+    """Whether stretches of a record stand out, and come and go.
 
-    Where a gap is left without them, a law of the state may be behind both: friction over position
-    stands out where the other record has not been. The load of a robot's joint is wrong now and
-    then, where its links are hardly known or another joint's link swings: there the stretches must
-    show in the whole record.
+    If they do, one record at least shows nothing else that the model lacks. Where both do, a law of
+    the state may be behind all of it: friction over position stands out where the other record has
+    not been. The load of a robot's joint is wrong now and then, where its links are hardly known or
+    another joint's link swings: there the stretches must be the gap, and all of it.
 
     Parameters
     ----------
     m : Measured
-    left : float
-        Whitened energy without those stretches.
+    left : sequence of float
+        Whitened energy of each record without those stretches.
     allowed : float
         Energy of a model that is adequate.
     """
-    shows = m.fold.link is None or allowed < m.base.cost
-    return m.floor.isolated and left <= allowed and shows
+    if m.fold.link is None:
+        return m.floor.isolated and min(left) <= allowed
+    return m.floor.isolated and float(np.mean(left)) <= allowed < m.base.cost
 
 
 def lowers(shrink: Shrink, simulated: bool, removed: float) -> bool:
