@@ -201,27 +201,32 @@ def _comes_and_goes(m: Measured, left: Sequence[float], allowed: float) -> bool:
 
 
 def lowers(shrink: Shrink, simulated: bool, removed: float) -> bool:
-    """Whether effects lower the held-out force error.
+    """Whether effects lower the held-out force error, by enough to be worth a name.
 
     Parameters
     ----------
     shrink : Shrink
     simulated : bool
         Whether all were named by simulation, and not at the controller, which a wrong setting of
-        may change the force little: then by enough to be worth a name.
+        may change the force little.
     removed : float
         Whitened energy that they remove; 1 is the floor. Where fast noise is most of the force
-        error, no effect lowers it by much, and an energy that stands out of the noise counts.
+        error, no effect lowers it by much, and an energy that stands out of the noise is enough.
     """
-    if simulated and removed > HEARD:
-        return shrink.after < (1.0 + FAINT) * shrink.before
-    return shrink.after < (1.0 - FAINT * simulated) * shrink.before
+    least = FAINT if simulated and removed <= HEARD else 0.0
+    return shrink.after < (1.0 - least) * shrink.before
 
 
 def no_better(effects: Sequence[str], shrink: Shrink) -> Finding:
     """Return what to say of effects that do not lower the force error."""
     values = f"{shrink.before:.4g} to {shrink.after:.4g} {shrink.unit}"
     text = f"{', '.join(effects)} in the model takes the held-out force error from {values}"
+    return Finding(f"{text}: nothing is named", fatal=False)
+
+
+def may_swing(effects: Sequence[str]) -> Finding:
+    """Return what to say of effects that remove less than other joints' links may have left."""
+    text = f"{', '.join(effects)} would remove less than the swing of other joints' links may leave"
     return Finding(f"{text}: nothing is named", fatal=False)
 
 

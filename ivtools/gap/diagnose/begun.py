@@ -16,7 +16,7 @@ from .. import floor, parity, preflight, quantify
 from ..attribute import Attribution, attribute, cost, upheld
 from ..diagnosis import Diagnosis
 from ..fit import Fit, common
-from ..floor import Floor, Measured, Ready, folds, masked, measure, prepared
+from ..floor import Measured, Ready, folds, masked, measure, prepared
 from ..fold import Fold, Link, Side
 from ..parity import Parity
 from ..preflight import Finding
@@ -128,11 +128,6 @@ class Begun:
     def left(self) -> float:
         """Whitened energy that the base model leaves where both records have been, their mean."""
         return cost(common(self.quiet[1]))
-
-    @property
-    def floors(self) -> tuple[Floor, ...]:
-        """Floor of each record."""
-        return tuple(m.floor for m in self.measured)
 
 
 @one_blas_thread()

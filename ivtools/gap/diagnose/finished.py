@@ -20,23 +20,34 @@ from .begun import Begun, Progress, mute
 
 
 @one_blas_thread()
-def finish(begun: Begun | Diagnosis, progress: Progress | None = None) -> Diagnosis:
-    """Finish a diagnosis that has begun; one that was refused is finished."""
+def finish(
+    begun: Begun | Diagnosis, progress: Progress | None = None, swung: float = 0.0
+) -> Diagnosis:
+    """Finish a diagnosis that has begun; one that was refused is finished.
+
+    Parameters
+    ----------
+    begun : Begun or Diagnosis
+    progress : callable, optional
+    swung : float
+        Energy of the force error, N2 or (N m)2, that the swing of other joints' links may have left
+        in this one: what removes less gets no name.
+    """
     if isinstance(begun, Diagnosis):
         return begun
     say = progress or mute
     say("screening and fitting the effects")
     fold, result = begun.attributed
     say("where and how far")
-    return _answer(begun, result, fold)
+    return _answer(begun, result, fold, swung)
 
 
-def _answer(begun: Begun, result: Attribution, fold: Fold) -> Diagnosis:
+def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diagnosis:
     """Put the diagnosis together."""
     task, loop, measured, rules = begun.task, begun.loop, begun.measured, begun.rules
     checked, held_out = tuple(m.parity for m in measured), task.holdout is not None
     (at_controller, values), declared = parity.effects(checked), loop.controller.delay
-    lowered = _lowered(loop, measured, result, fold, at_controller, held_out)
+    lowered = _lowered(loop, measured, result, fold, at_controller, held_out, swung)
     effects, result, shrink, traces, said = lowered
     if begun.third is not None:
         shrink = replace(shrink, judged=quantify.judge(loop, begun.third, result))
@@ -103,17 +114,20 @@ def _lowered(
     fold: Fold,
     at_controller: Sequence[str],
     held_out: bool,
+    swung: float,
 ) -> _Lowered:
-    """Return the names that lower the force error; if they do not, none."""
+    """Return the names that lower the force error, by more than links may; if they do not, none."""
     plain, effects = quantify.declared(loop, measured), (*at_controller, *result.named)
     shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
     tried = result.named if measured[-1].driven else effects  # its controller changes nothing
     removed = cost(result.base) - cost(result.held)
-    if not tried or verdict.lowers(shrink, not at_controller, removed):
+    faint = removed * sum(m.floor.surprise for m in measured) < swung
+    if not tried or (not faint and verdict.lowers(shrink, not at_controller, removed)):
         return _Lowered(effects, result, shrink, traces)
+    said = verdict.may_swing(effects) if faint else verdict.no_better(effects, shrink)
     nothing = replace(result, fits=result.base, held=result.base, named=())
     again = quantify.how_far(plain, measured, nothing, fold, held_out)
-    return _Lowered((), nothing, *again, (verdict.no_better(effects, shrink),))
+    return _Lowered((), nothing, *again, (said,))
 
 
 def _whole(m: Measured, result: Attribution) -> Fit:

@@ -96,6 +96,11 @@ class Floor:
         return self.noise if self.passes is None else min(self.noise, self.passes)
 
     @property
+    def surprise(self) -> float:
+        """Energy of what is new in the noise from sample to sample, N2 or (N m)2."""
+        return float(self.whitener[0]) ** -2
+
+    @property
     def isolated(self) -> bool:
         """Whether few stretches stand out: events, not a way of the model to be wrong."""
         share = float(np.mean(self.event_mask))

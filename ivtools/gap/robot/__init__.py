@@ -10,7 +10,7 @@ diagnosis    the answers of all joints, and what they do to the whole
 
 from .alone import alone
 from .diagnosis import RobotDiagnosis
-from .joint import assumed, heard
+from .joint import assumed
 from .joints import diagnose_robot, identified
 
 __all__ = [
@@ -18,6 +18,5 @@ __all__ = [
     "alone",
     "assumed",
     "diagnose_robot",
-    "heard",
     "identified",
 ]

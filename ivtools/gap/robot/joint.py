@@ -20,8 +20,7 @@ from ..diagnosis import Diagnosis
 from ..fit import of_effect
 from ..floor import autoregression
 from ..fold import Doubt, Link
-from ..rules import ADEQUATE, FAINT, SWUNG, Rules
-from ..verdict import lowers
+from ..rules import ADEQUATE, SWUNG, Rules
 from .alone import alone
 from .behind import TWO_MASSES, Alone
 from .links import Links, measure
@@ -137,7 +136,7 @@ class Joint:
         self._found_under = under
         if beside.keys() != soft.keys():
             begun = self._begin(loads, own, beside)
-        self.found = heard(finish(begun), SWUNG * max(swung, 0.0))
+        self.found = finish(begun, swung=SWUNG * max(swung, 0.0))
         self._places = begun.places if isinstance(begun, Begun) else {}
         return self.found
 
@@ -221,31 +220,6 @@ def assumed(diagnosis: Diagnosis) -> Diagnosis:
     return replace(diagnosis, effects=(one.effect,), parameters=parameters, theta=one.values)
 
 
-def heard(diagnosis: Diagnosis, swung: float = 0.0) -> Diagnosis:
-    """Return a diagnosis without names that hardly lower the error.
-
-    The load comes from the measured motion and estimated links, so it is a little wrong; an effect
-    that lowers the joint's error by less than `FAINT` may be that. The swing of other joints' links
-    is known to a share of it: what removes less energy than `swung`, N2 or (N m)2, may be the rest.
-    """
-    s, removed = diagnosis.shrink, diagnosis.chi[0] - diagnosis.chi[1]
-    if not diagnosis.effects or s is None:
-        return diagnosis
-    names = ", ".join(diagnosis.effects)
-    if removed * _surprise(diagnosis) < swung:
-        said = f"{names} would remove less than the links of other joints may have left: not named"
-    elif not lowers(s, True, removed):
-        said = f"{names} would lower the force error by less than {100 * FAINT:g} %: not named"
-    else:
-        return diagnosis
-    return replace(
-        diagnosis,
-        verdict="adequate" if diagnosis.negligible else "unexplained",
-        effects=(),
-        advice=(*diagnosis.advice, said),
-    )
-
-
 def _begun(
     j: int,
     loads: Loads,
@@ -295,14 +269,10 @@ def _swung(stiff: Begun | Diagnosis, begun: Begun | Diagnosis) -> float:
         e = beside.fold.white(errors[0])
         e -= projection(beside.base.J, e)
         more += float(e @ e) / len(e) - beside.base.cost
-    return more / len(begun.measured) * _surprise(begun) if likelier > 0.0 else 0.0
+    surprise = sum(m.floor.surprise for m in begun.measured)
+    return more / len(begun.measured) * surprise if likelier > 0.0 else 0.0
 
 
 def _new(e: Array, keep: NDArray[np.bool_]) -> float:
     """Return the energy of what is new in an error from sample to sample."""
     return float(np.mean(fir(autoregression(e, keep), e)[keep] ** 2))
-
-
-def _surprise(diagnosis: Diagnosis | Begun) -> float:
-    """Return the energy of what is new in a joint's noise, N2 or (N m)2."""
-    return sum(floor.whitener[0] ** -2 for floor in diagnosis.floors)
