@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..display import Displayed, plain
 from ..loop import ClosedLoop
 from ..tables import Text, table
 from ..units import quantity
@@ -25,8 +26,6 @@ from .rules import CORRECTED, NOTHING_ALONE, TOLERANCE
 from .verdict import VERDICTS, Ranked, Replica, Setting
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ..report import Page
     from ..simulators.mjcf_export import Export
     from .simulator import Change, Confirmation
@@ -35,7 +34,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Displayed):
     """What a model lacks to be the twin of a measured axis.
 
     Parameters
@@ -95,6 +94,8 @@ class Diagnosis:
         What most of the gap is without, where nothing is named.
     """
 
+    figure: ClassVar[str] = "gap.gap"
+
     verdict: str
     effects: tuple[str, ...]
     ambiguous_with: dict[str, list[str]]
@@ -143,7 +144,7 @@ class Diagnosis:
             "advice": list(self.advice),
             "findings": [f.text for f in self.findings],
             "gap": self._gap(),
-            "whitened": {"before": _number(self.chi[0]), "after": _number(self.chi[1])},
+            "whitened": {"before": plain(self.chi[0]), "after": plain(self.chi[1])},
             "changed": {n: c.to_dict() for n, c in self.changed.items()},
             "discrepancy": None if self.discrepancy is None else self.discrepancy.to_dict(),
             "replication": {k: list(v) for k, v in self.replication.items()},
@@ -222,8 +223,7 @@ class Diagnosis:
         for effect in self.effects:
             lines += self._named(effect)
         for name, change in self.changed.items():
-            text = f"{name} {change.text} between the records: a changed setting, not an effect"
-            lines += _wrapped(text, "  ")
+            lines += _wrapped(change.said(name), "  ")
         if self.discrepancy is not None:
             lines += _wrapped(f"left: {self.discrepancy.text}", "  ")
         if self.block:
@@ -263,24 +263,23 @@ class Diagnosis:
             text = f"  with the other record's base parameters: {s.after_frozen:.3g} {s.unit}"
             lines.append(text)
         if s.judged is not None:
-            j = s.judged
-            lines += _wrapped(
-                f"on {j.record}, which took part in nothing: {j.before:.3g} -> {j.after:.3g} "
-                f"{s.unit} [{j.interval[0]:.3g}, {j.interval[1]:.3g}], frozen {j.after_frozen:.3g}",
-                "  ",
-            )
+            lines += _wrapped(s.judged.said(s.unit), "  ")
         return lines
 
     def _notes(self) -> list[str]:
-        together = [f"{e} shows only once the other effects are in the model" for e in self.beside]
         shown = [] if self.confirmed is None else [self.confirmed.text]
-        return [*(f.text for f in self.findings), *shown, *together, *self.advice]
+        return [*(f.text for f in self.findings), *shown, *self.said_of_beside, *self.advice]
 
     @property
     def beside(self) -> tuple[str, ...]:
         """Named effects that close next to nothing by themselves."""
         alone = {r.effect: r.closed for r in self.ranking}
         return tuple(e for e in self.effects if alone.get(e, 1.0) < NOTHING_ALONE)
+
+    @property
+    def said_of_beside(self) -> list[str]:
+        """What to say of these."""
+        return [f"{e} shows only once the other effects are in the model" for e in self.beside]
 
     @property
     def edits(self) -> dict[str, float]:
@@ -335,33 +334,15 @@ class Diagnosis:
             surplus=self.surplus,
         )
 
-    def plot(self) -> Figure:
-        """Return the figure that shows the answer."""
-        from ..plots.gap import gap
-
-        return gap(self)
-
     def page(self) -> Page:
         """Return the answer as a page, with figures."""
         from .page import page
 
         return page(self)
 
-    def to_html(self, path: str | Path) -> Path:
-        """Write one self-contained page."""
-        return self.page().write(path)
-
-    def _repr_html_(self) -> str:
-        return self.summary().html
-
     def __repr__(self) -> str:
         named = ", ".join(self.effects) or "none"
         return f"Diagnosis of {self.name}: {self.verdict}, effects: {named}"
-
-
-def _number(x: float) -> float | None:
-    """Return a number that JSON knows."""
-    return float(x) if np.isfinite(x) else None
 
 
 def _wrapped(text: str, indent: str) -> list[str]:

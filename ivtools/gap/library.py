@@ -1,4 +1,4 @@
-"""Candidates: the effects that may be missing, and where a search for each starts."""
+"""Library: the effects that may be missing, and where a search for each starts."""
 
 from __future__ import annotations
 

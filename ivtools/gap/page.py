@@ -69,8 +69,8 @@ def page(diagnosis: Diagnosis) -> Page:
         return [Picture(name, draw(diagnosis), caption) for name, draw, caption in what]
 
     out.add("Where", _WHERE, figures=drawn(figures.WHERE))
-    beside = [f"{e} shows only once the other effects are in the model." for e in diagnosis.beside]
-    told, ranked = [*beside, *_nothing(diagnosis)], ranking_table(diagnosis)
+    told = [*map(sentence, diagnosis.said_of_beside), *_nothing(diagnosis)]
+    ranked = ranking_table(diagnosis)
     if diagnosis.verdict == "adequate":  # shares of next to nothing
         out.add("Which effect", *told, folded=[(_OF_LITTLE, ranked)])
     else:
@@ -136,21 +136,14 @@ def _remarks(diagnosis: Diagnosis) -> list[str]:
 
 def _more(diagnosis: Diagnosis) -> list[str]:
     """Return what differs between records, what is left without a name, and what changes bring."""
-    lines = [
-        f"{name} {change.text} between the records: a changed setting, not an effect"
-        for name, change in diagnosis.changed.items()
-    ]
+    lines = [change.said(name) for name, change in diagnosis.changed.items()]
     if diagnosis.discrepancy is not None:
         lines.append(f"what is left: {diagnosis.discrepancy.text}")
     if diagnosis.confirmed is not None:
         lines.append(diagnosis.confirmed.text)
     s = diagnosis.shrink
     if s is not None and s.judged is not None:
-        j = s.judged
-        lines.append(
-            f"on {j.record}, which took part in nothing, the error goes from {j.before:.3g} to "
-            f"{j.after:.3g} {s.unit} (95 % interval {j.interval[0]:.3g} to {j.interval[1]:.3g})"
-        )
+        lines.append(s.judged.said(s.unit))
     return lines
 
 
@@ -164,12 +157,17 @@ def _card(diagnosis: Diagnosis) -> Card:
         facts = [("Effects", "none is named")]
     if s is not None:
         after = f" → {quantity(s.after, s.unit, 3)}" if diagnosis.effects else ""
+        if diagnosis.negligible:
+            facts.append(("Gap", diagnosis.size))
         share = f"{_percent(s.of_force(s.before))} %"
         share += f" → {_percent(s.of_force(s.after))} %" if diagnosis.effects else ""
-        facts += [
-            ("Force error, rms", f"{quantity(s.before, s.unit, 3)}{after}; {share} of the force"),
-            ("Floor", quantity(s.floor, s.unit, 3)),
-        ]
+        facts.append(
+            ("Force error, rms", f"{quantity(s.before, s.unit, 3)}{after}; {share} of the force")
+        )
+        if s.held_out and diagnosis.effects:
+            frozen = quantity(s.after_frozen, s.unit, 3)
+            facts.append(("With the other record's base parameters", frozen))
+        facts.append(("Floor", quantity(s.floor, s.unit, 3)))
     verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
     if s is None:
         verdict = "No answer: the record or the axis file must be looked at first."
@@ -227,15 +225,26 @@ def gap_text(diagnosis: Diagnosis) -> list[str]:
     if s is None:
         return ["No effect was looked for: the record or the axis file is at fault."]
     judge = "another record" if s.held_out else "stretches of the record that they were not fitted"
-    text = f"The simulated force is {s.before:.3g} {s.unit} rms off the measured one"
+    text = (
+        f"The simulated force is {s.before:.3g} {s.unit} rms off the measured one, "
+        f"{_percent(s.of_force(s.before))} % of the force"
+    )
+    text = f"Negligible: {text[0].lower()}{text[1:]}" if diagnosis.negligible else text
     if not diagnosis.effects:
         return [f"{text}; the floor, which no model could go below, is {s.floor:.3g} {s.unit}."]
     return [
         f"{text},{_controller(s)} and {s.after:.3g} {s.unit} (95 % interval {s.interval[0]:.3g} to "
         f"{s.interval[1]:.3g}) with the named effects, judged on {judge}"
         f"{'' if s.held_out else ' to'}. The floor is {s.floor:.3g} {s.unit}, so "
-        f"{100 * s.closed:.0f} % of what a model can close is closed."
+        f"{100 * s.closed:.0f} % of what a model can close is closed.{_handed_over(s)}"
     ]
+
+
+def _handed_over(s: Shrink) -> str:
+    """Return what the model leaves that is handed over, its base parameters not tuned again."""
+    if not s.held_out:
+        return ""
+    return f" With the base parameters of the record it is {s.after_frozen:.3g} {s.unit}."
 
 
 def _nothing(diagnosis: Diagnosis) -> list[str]:

@@ -15,7 +15,7 @@ from .candidate import phases
 from .fit import Fit, gauss_newton, steps
 from .floor import Floor, Measured
 from .fold import Fold
-from .rules import ADEQUATE_NAMED, ALL_LEFT, LEAST_BLOCKS, RETUNED
+from .rules import ADEQUATE_NAMED, ALL_LEFT, CONFIDENCE, LEAST_BLOCKS, RETUNED
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,15 @@ class Judged:
     after: float
     after_frozen: float
     interval: tuple[float, float]
+
+    def said(self, unit: str) -> str:
+        """Return the errors, N or N m, as a sentence."""
+        low, high = self.interval
+        return (
+            f"on {self.record}, which took part in nothing: {self.before:.3g} -> {self.after:.3g} "
+            f"{unit} [{low:.3g}, {high:.3g}]; with the other record's base parameters: "
+            f"{self.after_frozen:.3g} {unit}"
+        )
 
 
 @dataclass(frozen=True)
@@ -259,7 +268,7 @@ def _interval(e: Array, fold: Fold) -> tuple[float, float]:
     if not mean > 0.0:
         return 0.0, 0.0
     spread = np.linalg.norm(sums - mean * sizes) * np.sqrt(count / (count - 1.0))
-    reach = float(stats.t.ppf(0.975, count - 1) * spread / np.sum(sums)) / 2.0
+    reach = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1) * spread / np.sum(sums)) / 2.0
     return _rms(e) * float(np.exp(-reach)), _rms(e) * float(np.exp(reach))
 
 

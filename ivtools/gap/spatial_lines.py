@@ -1,4 +1,4 @@
-"""Periods: spatial lines in the gap, found for all periods at once.
+"""Spatial lines: what is periodic over position in the gap, found for all periods at once.
 
 Correlating the gap with the answer to cos(2 pi q/p) equals correlating the gap, filtered backwards
 through that answer, with the cosine itself. Summed over position first, one FFT then gives every

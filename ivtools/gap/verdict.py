@@ -25,6 +25,7 @@ from .rules import (
     CHANGED,
     CHANGED_BY,
     CHANGED_T,
+    DRAWS,
     EXPLAINED,
     FAINT,
     HEARD,
@@ -86,6 +87,10 @@ class Setting:
         one, two = (quantity(x, self.unit, 3) for x in (self.record, self.holdout))
         return f"{one} -> {two}"
 
+    def said(self, name: str) -> str:
+        """Return what to say of it, as a sentence."""
+        return f"{name} {self.text} between the records: a changed setting, not an effect"
+
     def to_dict(self) -> dict[str, float]:
         """Return the JSON of the change."""
         return {"record": self.record, "holdout": self.holdout, "t": self.t}
@@ -99,7 +104,7 @@ def changes(result: Attribution, tolerance: float) -> dict[str, Setting]:
     """
     if result.fits[0].fold.record is result.fits[1].fold.record:
         return {}
-    one, two = (_told_apart(fit) for fit in common(result.fits))
+    one, two = (_own_parameters(fit) for fit in common(result.fits))
     if max(one.cost, two.cost) > STEADY:
         return {}
     found = {}
@@ -115,7 +120,7 @@ def changes(result: Attribution, tolerance: float) -> dict[str, Setting]:
     return found
 
 
-def _told_apart(fit: Fit) -> Fit:
+def _own_parameters(fit: Fit) -> Fit:
     """Return a fit whose base parameters are the axis's own, whatever is not known of its load.
 
     What an axis cannot tell from a change of its own parameters counts as one while it is
@@ -248,7 +253,7 @@ def _moved(result: Attribution) -> bool:
     """Whether the base parameters moved between the records and that is the whole gap."""
     if result.fits[0].fold.record is result.fits[1].fold.record:
         return False
-    one, two = (_told_apart(fit) for fit in result.fits)
+    one, two = (_own_parameters(fit) for fit in result.fits)
     tuned = float(np.mean([one.cost, two.cost]))
     swapped = [two.fold.error(two.loop, one.values), one.fold.error(one.loop, two.values)]
     still = float(np.mean([np.mean(e**2) for e in swapped]))
@@ -283,7 +288,7 @@ class Ranked:
         """The p value as it is printed."""
         if not self.held_out:
             return "screened"
-        return f"{self.p_value:.3f}" if self.p_value > 0.0 else "< 0.002"  # of 500 draws
+        return f"{self.p_value:.3f}" if self.p_value > 0.0 else f"< {1.0 / DRAWS:g}"
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the entry."""

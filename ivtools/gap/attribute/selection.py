@@ -232,7 +232,7 @@ def attribute(
     laws = next(filter(None, map(Laws.of, models[::-1])), None)
     seen = bool(best) and best[0][0].name == rounds[0].measured
     own = [any(t.unlike > UNLIKE_SMOOTH for t in group) for group in best]
-    count = len(best) if laws is None else _told(models, laws, own, rules, int(seen))
+    count = len(best) if laws is None else _names_kept(models, laws, own, rules, int(seen))
     fits, held = (ends[count - 1].fits, ends[count - 1].held) if count else (base, base)
     names = [t.name for group in best[:count] for t in group]
     kept, fits, held = _backward(sides, base, fits, held, names)
@@ -296,7 +296,7 @@ def _pair(
     return []
 
 
-def _told(
+def _names_kept(
     models: Sequence[tuple[Fit, ...]],
     laws: Laws,
     own: Sequence[bool],
@@ -386,7 +386,7 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
     models = [common(fits) for fits in (base, frozen(sides, found.fits))]
     laws = Laws.of(models[-1])
     own = [any(t.unlike > UNLIKE_SMOOTH for _, t in found._winners.values())]
-    if laws is None or _told(models, laws, own, found.rules):
+    if laws is None or _names_kept(models, laws, own, found.rules):
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 

@@ -101,12 +101,14 @@ def diagnose(
     if simulated is None:
         return found(record, holdout)
     if not isinstance(simulated, Simulator):
-        return against(record, loop, holdout, simulated, simulated_holdout, found)
+        logs = (simulated, simulated_holdout)
+        return against(record, loop, holdout, *logs, found, rules or Rules())
     if simulated_holdout is not None:
         raise RecordError(
             "simulated is a simulator, which is run on the holdout as well; "
             "leave simulated_holdout out"
         )
     other = None if holdout is None else run(simulated, holdout)
-    lacks = against(record, loop, holdout, run(simulated, record), other, found)
+    logs = (run(simulated, record), other)
+    lacks = against(record, loop, holdout, *logs, found, rules or Rules())
     return replace(lacks, confirmed=confirm(lacks, simulated, holdout or record))

@@ -11,6 +11,7 @@ from statistics import median
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+from ...display import Displayed
 from ...files import write
 from ...physics import EFFECTS
 from ...tables import Text, csv, table
@@ -20,7 +21,6 @@ from .shelf import PAGES
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
     from ...report import Card, Page
 
@@ -31,7 +31,7 @@ _ROOM = 80 - _EFFECTS - 3 * 6 - 5 * 2  # columns that name and verdict share
 
 
 @dataclass(frozen=True, eq=False)
-class Fleet:
+class Fleet(Displayed):
     """The diagnoses of many records.
 
     Parameters
@@ -156,12 +156,6 @@ class Fleet:
 
     # --- pages -----------------------------------------------------------------------------------
 
-    def plot(self) -> Figure:
-        """Return the effects by record, and the force error before and after."""
-        from ...plots.fleet import fleet
-
-        return fleet(self)
-
     def page(self, links: str = PAGES) -> Page:
         """Return the overview; `links` is the folder of the pages, seen from it."""
         from ...report import Page, Picture
@@ -199,10 +193,6 @@ class Fleet:
         verdict = f"{len(self)} records: {told}."
         return Card(verdict, tuple(facts), tuple(remarks), "doubt" if self.failed else "good")
 
-    def to_html(self, path: str | Path) -> Path:
-        """Write the overview as one page, which links to those of the records."""
-        return self.page().write(path)
-
     def save(self, folder: str | Path) -> Path:
         """Write the table and the overview into a folder, and return the overview."""
         folder = Path(folder)
@@ -218,9 +208,6 @@ class Fleet:
             f'<div class="ivtools"><table class="sortable"><thead><tr>{header}</tr></thead>'
             f"<tbody>{body}</tbody></table></div>"
         )
-
-    def _repr_html_(self) -> str:
-        return self.summary().html
 
     def __repr__(self) -> str:
         return f"{self._title}, {len(self.failed)} failed"

@@ -1,4 +1,4 @@
-"""Patrol: the diagnosis of many records of one kind of axis, in parallel and resumable."""
+"""Run: the diagnosis of many records of one kind of axis, in parallel and resumable."""
 
 from __future__ import annotations
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ...display import Displayed
 from ...results import FitResults
 from ...tables import Text, table
 from ...units import quantity
@@ -32,7 +32,7 @@ class Coupled(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class RobotDiagnosis:
+class RobotDiagnosis(Displayed):
     """What a robot's model lacks, joint by joint.
 
     Parameters
@@ -77,19 +77,21 @@ class RobotDiagnosis:
 
     def summary(self) -> Text:
         """Return joints, verdicts, effects and errors as a table."""
-        header = ("joint", "verdict", "effects", "unit", "by itself", "coupled")
+        header = ("joint", "verdict", "effects", "unit", "by itself", "of force", "coupled")
         rows = []
         for name, d in self.joints.items():
             s = d.shrink
             own = "" if s is None else f"{s.before:.3g} -> {s.after:.3g}"
             whole = " -> ".join(f"{x[name]:.3g}" for x in self.coupled)
             unit = "" if s is None else s.unit
-            rows.append((name, d.verdict, ", ".join(d.effects), unit, own, whole))
+            share = "" if s is None else f"{s.of_force(s.before):.2g} %"
+            share = "negligible" if d.negligible else share
+            rows.append((name, d.verdict, ", ".join(d.effects), unit, own, share, whole))
         lines = [
             "force error, rms, before -> after: of each joint by itself, and coupled, of one",
             "simulation of all",
         ]
-        told = [f"{name}: {text}" for name, d in self.joints.items() for text in _told(d)]
+        told = [f"{name}: {text}" for name, d in self.joints.items() for text in _said(d)]
         title = f"Diagnosis of {self.robot} on {self.name}"
         return table(title, lines, header, rows, [*self.notes, *told], left=4)
 
@@ -141,19 +143,12 @@ class RobotDiagnosis:
         steps = (*asked, *self.notes[:4])
         return Card(verdict, tuple(facts), steps, "good" if good else "doubt")
 
-    def to_html(self, path: str | Path) -> Path:
-        """Write the overview as one page."""
-        return self.page().write(path)
-
-    def _repr_html_(self) -> str:
-        return self.summary().html
-
     def __repr__(self) -> str:
         named = "; ".join(f"{n}: {', '.join(e)}" for n, e in self.effects.items()) or "none"
         return f"Diagnosis of robot {self.robot} on {self.name}: {named}"
 
 
-def _told(diagnosis: Diagnosis) -> list[str]:
+def _said(diagnosis: Diagnosis) -> list[str]:
     """Return how an effect is described, and the first finding."""
     lines = [
         f"{e} " + ", ".join(f"{k} {diagnosis.value(e, k)}" for k in diagnosis.parameters.get(e, {}))

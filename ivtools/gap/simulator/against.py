@@ -13,7 +13,7 @@ from ...record import Record
 from ...simulators.difference import SWINGS, Difference, as_simulated, brought, difference, rms
 from ...units import quantity
 from ..diagnosis import Diagnosis
-from ..rules import ADEQUATE, ALL_CLOSED, SAME_LOG, SECOND_ORDER
+from ..rules import ADEQUATE, ALL_CLOSED, SAME_LOG, SECOND_ORDER, Rules
 from .changes import changes, settled, twins
 
 Diagnose = Callable[..., Diagnosis]
@@ -27,6 +27,7 @@ def against(
     simulated: Record,
     simulated_holdout: Record | None,
     diagnose: Diagnose,
+    rules: Rules,
 ) -> Diagnosis:
     """Diagnose what a simulator lacks; see `ivtools.diagnose`.
 
@@ -45,7 +46,7 @@ def against(
     if all(_parted(pair, loop) < SAME_LOG * rms(loop.force(pair.real)) for pair in lacking):
         found = diagnose(*_records(lacking), loop, named=False)
         found = replace(found, verdict="adequate", discrepancy=None)
-        return _told(found, lacking, False, own)
+        return _of_simulator(found, lacking, False, own, rules)
     found = diagnose(*_records(lacking), loop)
     answers = [(found, lacking, False)]
     alike = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
@@ -65,10 +66,10 @@ def against(
     if good:
         best, shown, surplus = max(good, key=lambda answer: _worth(answer[0]))
         best = diagnose(*_records(shown), loop) if surplus else best
-        return _told(best, shown, surplus, own)
+        return _of_simulator(best, shown, surplus, own, rules)
     if found.effects:
         found = replace(diagnose(*_records(lacking), loop, named=False), verdict="adequate")
-    return _told(found, lacking, False, own)
+    return _of_simulator(found, lacking, False, own, rules)
 
 
 def _of_either_sign(found: Diagnosis) -> bool:
@@ -112,16 +113,20 @@ def _closed(found: Diagnosis) -> float:
     return found.shrink.closed if found.effects and found.shrink else 0.0
 
 
-def _told(
-    found: Diagnosis, pairs: list[Difference], surplus: bool, own: Collection[str]
+def _of_simulator(
+    found: Diagnosis,
+    pairs: list[Difference],
+    surplus: bool,
+    own: Collection[str],
+    rules: Rules,
 ) -> Diagnosis:
     """Return a diagnosis that speaks of the simulator; `own` are the terms of the user's axis."""
-    fit, stuck = settled(found, pairs[0])
+    fit, stuck = settled(found, pairs[0], rules)
     made = changes(found, pairs[0], fit, stuck, surplus)
     swings = SWINGS not in {*own, *found.effects}
     if swings:  # what hangs from both is no setting of the simulator's
         made = {name: c for name, c in made.items() if not name.startswith(f"{SWINGS}.")}
-    alike = {} if fit is None or surplus else twins(fit, pairs[0])
+    alike = {} if fit is None or surplus else twins(fit, pairs[0], rules)
     whose = "the simulator has and the axis lacks" if surplus else "your simulator lacks"
     what = ", ".join(found.effects) or "nothing but other parameters"
     told = [f"{whose}: {what}", *(_either(name, found, alike[name]) for name in alike)]

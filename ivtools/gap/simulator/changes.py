@@ -56,20 +56,20 @@ class Change:
         }
 
 
-def settled(found: Diagnosis, pair: Difference) -> tuple[Fit | None, bool]:
+def settled(found: Diagnosis, pair: Difference, rules: Rules) -> tuple[Fit | None, bool]:
     """Return the final fit, and whether the axis sticks where its simulator creeps.
 
     Where the record does not show that more of the friction is dry than the simulator's, as much
     is: both parts together would trade with each other.
     """
     fit, base = found.whole, _named(pair)
-    fit = None if fit is None else _kept(fit, base)
+    fit = None if fit is None else _kept(fit, base, rules)
     if fit is None or f"{CREEPS}.force" not in base or "coulomb" not in fit.free:
         return fit, False
     both = fit.values["coulomb"] + fit.values[f"{CREEPS}.force"]
     start = {"coulomb": base["coulomb"], f"{CREEPS}.force": max(both - base["coulomb"], 0.0)}
     soft = _tuned(fit, start, without=("coulomb",))
-    if _as_good(soft, fit):
+    if _as_good(soft, fit, rules):
         return soft, False
     return fit, dry(fit.values) - max(dry(base), 0.0) > STICKS  # less than none is by a pendulum
 
@@ -112,7 +112,7 @@ def _named(pair: Difference) -> dict[str, float]:
     return {str(n): float(v) for n, v in pair.base.params.items()}
 
 
-def _kept(fit: Fit, base: Mapping[str, float]) -> Fit:
+def _kept(fit: Fit, base: Mapping[str, float], rules: Rules) -> Fit:
     """Return a fit that differs from the simulator only where the record shows it.
 
     Columns that are all but one, as an offset and the cosine of a pendulum over a short arc, leave
@@ -130,12 +130,12 @@ def _kept(fit: Fit, base: Mapping[str, float]) -> Fit:
     change = (turn @ np.where(trades, 0.0, moved) / scale).tolist()
     held = {free[k] for k in np.argmax(np.abs(turn[:, trades]), axis=0)}  # one of each direction
     back = _tuned(fit, {n: base[n] + x for n, x in zip(free, change, strict=True)}, held)
-    return back if _as_good(back, fit) else fit
+    return back if _as_good(back, fit, rules) else fit
 
 
-def _as_good(one: Fit, other: Fit) -> bool:
+def _as_good(one: Fit, other: Fit, rules: Rules) -> bool:
     """Whether a fit leaves as much as another one, as far as their record tells."""
-    return block_t(other.fold.block_sums(one.e**2 - other.e**2)) < Rules.distinguishable
+    return block_t(other.fold.block_sums(one.e**2 - other.e**2)) < rules.distinguishable
 
 
 def _tuned(fit: Fit, values: Mapping[str, float], without: Collection[str] = ()) -> Fit:
@@ -183,7 +183,7 @@ def _whole(values: Mapping[str, float]) -> dict[str, float]:
 # --- changes that look like an effect ------------------------------------------------------------
 
 
-def twins(fit: Fit, pair: Difference) -> dict[str, dict[str, dict[str, float]]]:
+def twins(fit: Fit, pair: Difference, rules: Rules) -> dict[str, dict[str, dict[str, float]]]:
     """Return the effects that a change of one that the simulator has cannot be told from.
 
     A pendulum over a short arc is a spring: whether its weight has changed, or a spring is there
@@ -194,6 +194,7 @@ def twins(fit: Fit, pair: Difference) -> dict[str, dict[str, dict[str, float]]]:
     fit : Fit
         The final model on the record.
     pair : Difference
+    rules : Rules
 
     Returns
     -------
@@ -213,19 +214,19 @@ def twins(fit: Fit, pair: Difference) -> dict[str, dict[str, dict[str, float]]]:
             other.name: values
             for other in library(fit.loop)
             if other.law is not None and all(p.linear for p in other.parameters)
-            if (values := _as_well(fit, frozen, other)) is not None
+            if (values := _as_well(fit, frozen, other, rules)) is not None
         }
     return {name: others for name, others in found.items() if others}
 
 
-def _as_well(fit: Fit, frozen: Fit, term: Term) -> dict[str, float] | None:
+def _as_well(fit: Fit, frozen: Fit, term: Term, rules: Rules) -> dict[str, float] | None:
     """Return the values of an effect that does as well as a change; None if it does not."""
     loop = frozen.loop.with_effect(term)
     step = steps(frozen.fold, loop, Scales(frozen.fold.record, loop))
     values, free = loop.values(frozen.values), (*frozen.free, *term.names)
     other = gauss_newton(frozen.fold, loop, values, free, step)
     gain = (frozen.cost - other.cost) / (frozen.cost - fit.cost)
-    near = gain > 1.0 - Rules.equivalence and _as_good(other, fit)
+    near = gain > 1.0 - rules.equivalence and _as_good(other, fit, rules)
     same = gain > 1.0 - TIE and other.cost < ADEQUATE * fit.cost
     return {n: other.values[n] for n in term.names} if near or same else None
 
