@@ -8,6 +8,7 @@ import numpy as np
 
 from ivtools.errors import IVToolsError
 from ivtools.loop import RobotLoop
+from ivtools.units import JOINTS
 
 if TYPE_CHECKING:
     from ivtools.results import FitResults
@@ -41,7 +42,7 @@ def joint_notes(fit: FitResults) -> list[str]:
     lines = []
     for j, (name, error) in enumerate(joint_figures(fit).items()):
         assert fit.problem is not None
-        unit = "N" if fit.problem.loop.kind_of(j) == "prismatic" else "N m"
+        unit = JOINTS[fit.problem.loop.kind_of(j)].force
         share, rmse = error["relative_error"], error["rmse"]
         lines.append(f"{name}: {share:.2f} % of the force, {rmse:.3g} {unit} rms")
     return lines

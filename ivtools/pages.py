@@ -18,6 +18,7 @@ from ivtools.plots.style import readable
 from ivtools.recommendation import listed
 from ivtools.report import Card, Page, Picture
 from ivtools.tables import Text, sentence, table
+from ivtools.units import JOINTS
 
 if TYPE_CHECKING:
     from ivtools.estimators.drive_gain_results import DriveGain
@@ -71,7 +72,7 @@ def _left(fit: FitResults) -> Iterator[tuple[str, str]]:
         several = problem is not None and len(problem.loop.joints) > 1
         mine = problem.row_joints == j if problem is not None and several else slice(None)
         rms = float(np.sqrt(np.mean(np.square(fit.resids[mine]))))
-        unit = "N" if kind == "prismatic" else "N m"
+        unit = JOINTS[kind].force
         if several:
             of = float(np.sqrt(np.mean(np.square(fit.y[mine])))) or np.nan
             yield label, f"{name}: {rms:.3g} {unit} rms, {100.0 * rms / of:.3g} %"

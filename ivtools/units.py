@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from functools import lru_cache
 from math import inf, isfinite, pi
+from typing import NamedTuple
 
 from ivtools.errors import IVToolsError
 
@@ -80,8 +81,21 @@ _SPELLINGS = {
     "lbf": "lb",
 }
 _NAMES = {name: unit for unit, names in _SPELLINGS.items() for name in names.split()}
-#: Symbols of a joint: of position, of force, and of inertia.
-JOINTS = {"prismatic": ("m", "N", "kg"), "revolute": ("rad", "N m", "kg m2")}
+
+
+class JointUnits(NamedTuple):
+    """Units of a joint's position, force and inertia."""
+
+    length: str
+    force: str
+    inertia: str
+
+
+#: By the kind of joint.
+JOINTS = {
+    "prismatic": JointUnits("m", "N", "kg"),
+    "revolute": JointUnits("rad", "N m", "kg m2"),
+}
 
 _FACTOR = re.compile(
     r"([^\d\s*·./^()²³⁻¹+-]+)\^?([²³]|⁻¹|⁻²|-?\d)?|(0[.]\d{0,8}[1-9]|[1-9]\d{0,8})"

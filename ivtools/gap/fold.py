@@ -347,7 +347,7 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
     keep[: settling(record)] = False
     own = loop.command(record)[:, 0]
     own = own - record.added[:, 0] if record.added is not None else own
-    keep &= ~_dilate(np.abs(own) >= AT_LIMIT * loop.controller.limit, round(NEAR_LIMIT / record.dt))
+    keep &= ~near(np.abs(own) >= AT_LIMIT * loop.controller.limit, round(NEAR_LIMIT / record.dt))
     return keep & ~_standing(record)
 
 
@@ -365,7 +365,8 @@ def _standing(record: Record) -> Mask:
     return np.asarray(run, dtype=bool)
 
 
-def _dilate(mask: Mask, width: int) -> Mask:
+def near(mask: Mask, width: int) -> Mask:
+    """Return the samples at most so many away from those of a mask, (n_samples,)."""
     if not mask.any():
         return mask
     return np.convolve(mask, np.ones(2 * width + 1), mode="same") > 0.5

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..physics import TERMS
 from ..record import Record
+from .fold import near
 from .rules import ACCELERATING, BANDS, FEW_EDGES, NEAR_REVERSAL
 
 Array = NDArray[np.float64]
@@ -64,7 +65,7 @@ def _masks(record: Record) -> dict[str, Mask]:
     ddq = np.gradient(dq, dt)
     width = max(round(NEAR_REVERSAL / dt), 1)
     sign = np.sign(dq)
-    reversal = _near(np.diff(sign, prepend=sign[0]) != 0, width)
+    reversal = near(np.diff(sign, prepend=sign[0]) != 0, width)
     accelerating = (np.abs(ddq) > ACCELERATING * np.max(np.abs(ddq))) & ~reversal
     masks = {
         "reversal": reversal,
@@ -83,15 +84,11 @@ def _masks(record: Record) -> dict[str, Mask]:
     if record.added is not None and record.added.any():
         edge = np.abs(np.diff(record.added[:, 0], prepend=record.added[0, 0])) > 0.0
         if edge.mean() < FEW_EDGES:
-            masks["pulse edges"] = _near(edge, width)
+            masks["pulse edges"] = near(edge, width)
     t = np.arange(len(q)) / len(q)
     for i in range(4):
         masks[f"quarter {i + 1} of the time"] = (t >= i / 4) & (t < (i + 1) / 4)
     return masks
-
-
-def _near(mask: Mask, width: int) -> Mask:
-    return np.convolve(mask, np.ones(2 * width + 1), mode="same") > 0.5
 
 
 def _bands(record: Record, keep: Mask, before: Array, after: Array) -> list[Region]:

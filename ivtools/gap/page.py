@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 from ..tables import Text, sentence, table
-from ..units import quantity
+from ..units import JOINTS, quantity
 from .rules import CORRECTED
 from .simulator import changes_table
 from .verdict import VERDICTS
@@ -301,7 +301,7 @@ def _signals(diagnosis: Diagnosis) -> Text:
     """Return the errors of every signal before and after."""
     s = diagnosis.shrink
     assert s is not None
-    length = "m" if diagnosis.loop.joint == "prismatic" else "rad"
+    length = JOINTS[diagnosis.loop.joint].length
     units = {"position": length, "velocity": f"{length}/s", "acceleration": f"{length}/s²"}
     rows = [["force", f"{s.before:.3g} {s.unit}", f"{s.after:.3g} {s.unit}"]]
     for name, (before, after) in s.signals.items():

@@ -10,6 +10,7 @@ from scipy import signal, stats
 
 from ..loop import ClosedLoop
 from ..record import Record
+from ..units import JOINTS
 from .attribute import Attribution
 from .candidate import phases
 from .fit import Fit, gauss_newton, steps
@@ -237,7 +238,7 @@ def quantify(
     fold = after.fold
     e0, e1, e2, e3 = (f.force_error for f in (before, after, frozen, corrected))
     return Shrink(
-        unit="N" if after.loop.joint == "prismatic" else "N m",
+        unit=JOINTS[after.loop.joint].force,
         before=_rms(e0),
         after=_rms(e1),
         corrected=_rms(e3),

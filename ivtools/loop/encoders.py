@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..pipeline import Motion
 from ..record import Record
+from ..units import JOINTS
 from .standing import at_rest
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def _beyond(loop: RobotLoop, record: Record) -> list[str]:
     found = []
     q = loop._to_joints(record.q)
     for joint, x in zip(loop.robot.joints, q.T, strict=True):
-        low, high, unit = joint.lower, joint.upper, "m" if joint.kind == "prismatic" else "rad"
+        low, high, unit = joint.lower, joint.upper, JOINTS[joint.kind].length
         room = MARGIN * (high - low) if np.isfinite(high - low) else 0.0
         if x.min() < low - room or x.max() > high + room:
             found.append(

@@ -18,6 +18,7 @@ from ivtools.plots.style import (
     parted,
     sheet,
 )
+from ivtools.units import JOINTS
 
 if TYPE_CHECKING:
     from ivtools.loop import Simulation
@@ -84,7 +85,7 @@ def joint_simulation(simulation: Simulation, record: Record, *, title: str | Non
 
 
 def _unit(kind: str) -> str:
-    return "N" if kind == "prismatic" else "N m"
+    return JOINTS[kind].force
 
 
 def _rms(x: Array) -> float:

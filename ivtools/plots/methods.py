@@ -17,6 +17,7 @@ from ivtools.plots.style import (
     readable,
     sheet,
 )
+from ivtools.units import JOINTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,7 +124,7 @@ def transfer_function(results: TransferFunctionResults, *, width_mm: float = WID
     >>> len(transfer_function(SRIVC(poles=2, input="q_ref").fit(problem)).axes)
     2
     """
-    unit = "m" if results.problem.loop.joint == "prismatic" else "rad"
+    unit = JOINTS[results.problem.loop.joint].length
     names = {"q": f"position, {unit}", "dq": f"velocity, {unit}/s"}
     quantity = names.get(results.estimator.output, "output")
     with look():

@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 
 from ivtools.errors import DataError
 from ivtools.plots.style import COLOURS, legend_above, line, readable, scaled, units_of
+from ivtools.units import JOINTS
 
 if TYPE_CHECKING:
     from ivtools.gap.diagnosis import Diagnosis
@@ -57,7 +58,7 @@ def traces_of(diagnosis: Diagnosis) -> Traces:
 
 
 def _unit(diagnosis: Diagnosis) -> str:
-    return "N" if diagnosis.loop.joint == "prismatic" else "N m"
+    return JOINTS[diagnosis.loop.joint].force
 
 
 def _sides(diagnosis: Diagnosis, before: Any, after: Any) -> list[tuple[Any, str, str]]:

@@ -22,7 +22,7 @@ from ivtools.estimators.least_squares import IDIMLS
 from ivtools.linalg.swing import Swings
 from ivtools.problem import Problem
 from ivtools.record import Record
-from ivtools.units import quantity
+from ivtools.units import JOINTS, quantity
 
 if TYPE_CHECKING:
     from ivtools.loop import ClosedLoop, Simulation
@@ -317,7 +317,7 @@ def homed(real: Record, simulated: Record, loop: ClosedLoop) -> tuple[Record, tu
     left = [float(np.mean((nu - law(q_ref, dq_ref, s.q[:, 0])) ** 2)) for s in (simulated, moved)]
     if left[1] > _HOMED * left[0]:
         return simulated, ()
-    unit = "m" if loop.joint == "prismatic" else "rad"
+    unit = JOINTS[loop.joint].length
     return moved, (
         f"the simulator's position is counted from {quantity(away, unit)} away from the record's; "
         "it was brought there",

@@ -15,6 +15,7 @@ import numpy as np
 from ivtools.errors import AxisError
 from ivtools.loop import ClosedLoop
 from ivtools.physics import Term
+from ivtools.units import JOINTS
 
 TEMPLATE = Path(__file__).parent / "program.txt"
 #: Effects that are no force over the motion, and that the program knows how to simulate.
@@ -100,7 +101,7 @@ def program(loop: ClosedLoop, theta: Mapping[str, float], dt: float = 1e-3) -> s
         laws="\n\n\n".join(_sources({n: t for n, t in laws.items() if n != "inertia"})),
         calls="\n".join(calls),
         inertia=values["inertia"],
-        unit="N" if loop.joint == "prismatic" else "N m",
+        unit=JOINTS[loop.joint].force,
         gain=loop.gain,
         delay=loop.delay + values.get("drive-timing.delay", 0.0),
         lag=values.get("drive-timing.lag", 0.0),

@@ -21,6 +21,7 @@ from scipy import linalg
 
 from ...linalg.swing import Swing, Swings
 from ...loop import Simulation
+from ...units import JOINTS
 from ...workers import threaded
 from .. import spatial_lines
 from ..fit import Fit, normal
@@ -110,7 +111,7 @@ def describe(fits: Sequence[Fit], laws: Laws | None = None) -> Discrepancy | Non
     whole = float(np.sqrt(np.mean(np.concatenate(beyond) ** 2)))
     if whole < DISCREPANCY_SIZE * min(f.force_rms for f in fits):
         return None
-    unit = "N" if fits[0].loop.joint == "prismatic" else "N m"
+    unit = JOINTS[fits[0].loop.joint].force
     curve = _curve(laws.basis, found.over[0], laws.runs, forces)
     return Discrepancy(whole, unit, found.over, found.gain, curve)
 

@@ -17,6 +17,7 @@ from ...errors import RecordError
 from ...loop import ClosedLoop, Controller
 from ...loop.rough_inertia import shown_inertia
 from ...record import Record
+from ...units import JOINTS
 from ..fit import Fit
 from ..fold import usable
 from ..parity import Parity
@@ -124,7 +125,7 @@ def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
     along = float(np.corrcoef(record.q[:, 0], record.q_ref[:, 0])[0, 1])
     if along < -ALONG:
         return [Finding("q moves against its reference; check the signs of q and q_ref")]
-    unit = "m" if loop.joint == "prismatic" else "rad"
+    unit = JOINTS[loop.joint].length
     weak = along > ALONG and parity.after < PARITY_POOR  # a soft loop against a strong spring
     if FOLLOWS[0] < done / asked < FOLLOWS[1] or weak:
         return []
@@ -240,7 +241,7 @@ def _remains(parity: Parity) -> str:
 def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     """Look at the sign and size of the inertia that the record itself suggests."""
     shown = shown_inertia(loop, record)[1]
-    inertia, unit = shown.inertia, "kg" if loop.joint == "prismatic" else "kg m2"
+    inertia, unit = shown.inertia, JOINTS[loop.joint].inertia
     if shown.negative:
         return [
             Finding(
@@ -283,7 +284,7 @@ def same_axis(bases: Sequence[Fit]) -> list[Finding]:
         error = fit.fold.error(fit.loop, {**fit.values, "inertia": other})
         if float(np.mean(error**2)) < OTHER_INERTIA * fit.cost:
             return []
-    unit = "kg" if bases[0].loop.joint == "prismatic" else "kg m2"
+    unit = JOINTS[bases[0].loop.joint].inertia
     names = [fit.fold.record.name for fit in bases]
     shown = " and ".join(f"{n} {m:.4g} {unit}" for n, m in zip(names, inertias, strict=True))
     return [

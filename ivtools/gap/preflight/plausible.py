@@ -12,6 +12,7 @@ from ...errors import IVToolsError
 from ...loop import ClosedLoop
 from ...loop.rough_inertia import beside_position
 from ...record import Record
+from ...units import JOINTS
 from ..parity import Parity, Signals
 from ..rules import ABSURD, OPPOSITE, UNIT_NEAR, UNIT_R2, UNIT_SAMPLES
 
@@ -133,7 +134,7 @@ def looks_like(factor: float, joint: str, signal: str) -> str:
     >>> looks_like(1.7, "prismatic", "q")
     ''
     """
-    unit = "m" if joint == "prismatic" else "rad"
+    unit = JOINTS[joint].length
     for name, times in _UNITS[joint].items():
         if abs(factor * times - 1.0) < UNIT_NEAR:
             return f"as if {signal} were in {name}; give {unit}"

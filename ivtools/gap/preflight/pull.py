@@ -67,7 +67,7 @@ def rings(record: Record, loop: ClosedLoop) -> bool:
     if not adrift(loop) or loop.controller.kind == "none":
         return loop.controller.kind == "none"
     own = loop.controller.known(record)
-    inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
+    inertia = _inertia(record, loop)
     margin = margin_deg(replace(loop, controller=own), inertia, 0.0, record.dt)
     return bool(margin < MARGIN)
 
@@ -77,12 +77,17 @@ def pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
 
     What the pull has to give is the force that the model lacks.
     """
-    inertia = abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
+    inertia = _inertia(record, loop)
     hz = _pull_hz(record, loop, inertia)
     unit = inertia * 2.0 * np.pi * hz / loop.gain
     pull = Controller("pd", {"kp": unit * 2.0 * np.pi * hz, "kd": 1.4 * unit})
     driven = driven_by(loop.command(record), record.q, record)  # smoothed, it would pull by itself
     return driven, replace(loop, controller=pull)
+
+
+def _inertia(record: Record, loop: ClosedLoop) -> float:
+    """Return the inertia that a record shows, kg or kg m2, else that of the axis file."""
+    return abs(shown_inertia(loop, record)[1].inertia) or loop.start.get("inertia", 1.0)
 
 
 def _pull_hz(record: Record, loop: ClosedLoop, inertia: float) -> float:

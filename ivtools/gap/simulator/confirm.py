@@ -11,7 +11,7 @@ from ...errors import IVToolsError
 from ...loop import ClosedLoop
 from ...record import Record
 from ...simulators.protocol import Simulator, logged
-from ...units import quantity
+from ...units import JOINTS, quantity
 from ..fold import usable
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def confirm(found: Diagnosis, simulator: Simulator, real: Record) -> Confirmatio
     except (IVToolsError, OSError) as failure:
         note = str(failure)
     predicted = float("nan") if s is None else s.after_frozen if s.held_out else s.after
-    unit = "N" if found.loop.joint == "prismatic" else "N m"
+    unit = JOINTS[found.loop.joint].force
     return Confirmation(real.name, before, float(predicted), after, unit, note)
 
 
