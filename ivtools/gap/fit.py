@@ -150,7 +150,7 @@ def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:
                 if not p.linear:  # what turns the phase along the stroke
                     size *= min(size / scales.sizes["stroke"], 1.0)
                 elif term.law is None:  # a larger wave folds the encoder over
-                    size = shape["period"] / (2.0 * np.pi)
+                    size = shape[term.period] / (2.0 * np.pi)
             out[name] = STEP * size
     return out
 

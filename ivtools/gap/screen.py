@@ -104,7 +104,7 @@ def _best(term: Term, scores: list[Score]) -> Score:
 
 def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[dict[str, float]]:
     if term.search == "lines":
-        return [{"period": p} for p in lines[term.name]]
+        return [{term.period: p} for p in lines[term.name]]
     if term.search == "either":
         return alternatives(term, scales)
     if term.search == "valleys":  # a glance: the search waits until the effect is in question

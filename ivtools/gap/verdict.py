@@ -417,9 +417,10 @@ def _fitted(
 ) -> Replica:
     pairs = {n: (values[0][n], values[1][n]) for n in names if not loop.parameters[n].nuisance}
     units = {n: loop.parameters[n].unit_for(loop.joint) for n in pairs}
-    if phases(loop) & {*names}:  # its phase is a matter of where the record began
-        unit = units.get(f"{effect}.cosine", "")
-        pairs, units = _without_phase(effect, pairs), {**units, f"{effect}.amplitude": unit}
+    turned = sorted(phases(loop) & {*names})
+    if turned:  # its phase is a matter of where the record began
+        size = f"{effect}.amplitude"
+        pairs, units = _without_phase(pairs, turned, size), {**units, size: units[turned[0]]}
     pairs = {n: p for n, p in pairs.items() if p != (0.0, 0.0)}
     sizes = [n for n in pairs if n.endswith(".amplitude") or _linear(loop, n)] or list(pairs)
     agree = _agree(np.array([pairs[n] for n in sizes]), rules) if sizes else None
@@ -438,13 +439,11 @@ def _linear(loop: ClosedLoop, name: str) -> bool:
 
 
 def _without_phase(
-    effect: str, pairs: Mapping[str, tuple[float, float]]
+    pairs: Mapping[str, tuple[float, float]], turned: Sequence[str], size: str
 ) -> dict[str, tuple[float, float]]:
-    """Return amplitude and period instead of cosine and sine."""
-    waves = [pairs[f"{effect}.{n}"] for n in ("cosine", "sine")]
-    one, two = (float(np.hypot(waves[0][i], waves[1][i])) for i in (0, 1))
-    rest = {n: p for n, p in pairs.items() if n.partition(".")[2] not in ("cosine", "sine")}
-    return {f"{effect}.amplitude": (one, two), **rest}
+    """Return values on both sides with the size of a wave, so named, instead of what turns."""
+    one, two = (float(np.linalg.norm([pairs[n][i] for n in turned])) for i in (0, 1))
+    return {size: (one, two), **{n: p for n, p in pairs.items() if n not in turned}}
 
 
 def _agree(x: np.ndarray, rules: Rules) -> bool:

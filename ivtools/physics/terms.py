@@ -113,9 +113,10 @@ class Term:
         How a diagnosis looks for it: ``"scan"`` tries the starting values of its parameters;
         ``"valleys"`` searches the box they span, for the error has many minima (that of a force law
         in the inverse model, which knows the motion however far the loop strays); ``"lines"`` takes
-        its ``period`` from the spectrum over position, and its phase, ``cosine`` and ``sine``, is a
-        matter of each record; ``"either"`` takes one parameter at a time, for they do the same;
-        ``"elsewhere"`` decides at the controller or in time, not by simulation.
+        its period, the only parameter with starting values, from the spectrum over position, and
+        its phase, that of a cosine and a sine, is a matter of each record; ``"either"`` takes one
+        parameter at a time, for they do the same; ``"elsewhere"`` decides at the controller or in
+        time, not by simulation.
     everywhere : bool
         Whether any axis shows a little of it, as around reversals: it must be a good part of the
         gap to be named.
@@ -164,6 +165,22 @@ class Term:
         """Full names of the parameters, unique across terms."""
         prefix = "" if self.base else f"{self.name}."
         return tuple(prefix + p.name for p in self.parameters)
+
+    @property
+    def second_mass(self) -> bool:
+        """Whether a second mass is behind the motor with it."""
+        return self.slot == "second mass"
+
+    @cached_property
+    def phases(self) -> tuple[str, ...]:
+        """Full names of what has the phase of a line over position; none if it is no line."""
+        pairs = zip(self.names, self.parameters, strict=True)
+        return tuple(name for name, p in pairs if self.search == "lines" and p.linear)
+
+    @cached_property
+    def period(self) -> str:
+        """Name, within the term, of the period of a line over position; empty if it is no line."""
+        return next((p.name for p in self.parameters if self.search == "lines" and p.scan), "")
 
     @cached_property
     def local(self) -> bool:

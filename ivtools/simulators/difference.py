@@ -170,7 +170,7 @@ def _swinging(
     What hangs from a cart, and swings little, is a second mass on a spring.
     """
     left = _left(simulated, loop, base)
-    if any(t.slot == "second mass" for t in loop.terms) or (
+    if any(t.second_mass for t in loop.terms) or (
         rms(left) < _LEAVES * rms(loop.command(simulated))
     ):
         return loop, base

@@ -97,7 +97,7 @@ def export(
     native: list[str] = []
     beside: dict[Term, tuple[float, ...]] = {}
     lost: list[str] = []
-    for term in sorted(loop.terms, key=lambda term: term.slot == "second mass"):  # takes its share
+    for term in sorted(loop.terms, key=lambda term: term.second_mass):  # takes its share
         values = tuple(float(wanted.get(name, 0.0)) for name in term.names)
         write = _NATIVE.get(term.name)
         if term.name in surplus and term.law is None:

@@ -158,7 +158,7 @@ def play(
     named = [r.best.term for r in rounds if r.best is not None]
     if cost(held) < ADEQUATE and any(t.of_speed for t in named):
         new = [t for t in new if not t.term.of_speed]  # the form of a law is never quite the axis's
-    if any(t.slot == "second mass" for t in named):
+    if any(t.second_mass for t in named):
         new = [t for t in new if t.removed > rules.swing * (cost(base) - cost(held))]
     near = (1.0 - rules.equivalence_open) * _largest(new, rules)
     qualified = tuple(t for t in new if 0.0 < near <= t.gain and t.passes(rules))

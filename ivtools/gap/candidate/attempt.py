@@ -101,8 +101,7 @@ def _retuned(side: Side, fit: Fit, own: Fit) -> Fit:
 
 def phases(loop: ClosedLoop) -> set[str]:
     """Return the parameters that are a matter of each record: an encoder is homed anew."""
-    lines = (t for t in loop.terms if t.search == "lines")
-    return {f"{t.name}.{n}" for t in lines for n in ("cosine", "sine")}
+    return {name for t in loop.terms for name in t.phases}
 
 
 def _extended(side: Side, fit: Fit, term: Term, begin: list[Point]) -> Fit:

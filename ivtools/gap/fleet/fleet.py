@@ -130,8 +130,9 @@ class Fleet(Displayed):
         for entry in self.done:
             assert entry.content is not None
             for effect, values in entry.content["parameters"].items():
+                phases = EFFECTS[effect].phases if effect in EFFECTS else ()
                 for parameter, value in values.items():
-                    if parameter not in ("cosine", "sine") and value != 0.0:
+                    if f"{effect}.{parameter}" not in phases and value != 0.0:
                         found.setdefault(effect, {}).setdefault(parameter, []).append(value)
         return found
 

@@ -20,7 +20,7 @@ from ..rules import CRAWLING, LINKED_TRANSIENT, STEP
 Array = NDArray[np.float64]
 
 #: Which a RobotLoop cannot have.
-TWO_MASSES = tuple(name for name, term in EFFECTS.items() if term.slot == "second mass")
+TWO_MASSES = tuple(name for name, term in EFFECTS.items() if term.second_mass)
 
 
 class Alone(NamedTuple):
