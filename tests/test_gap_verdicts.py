@@ -10,6 +10,7 @@ from scipy import signal
 
 import ivtools as iv
 from benchmarks import moves
+from ivtools.gap.attribute import selection
 from ivtools.gap.attribute.selection import _outdone
 from ivtools.gap.discrepancy import Basis, Columns, Spline
 from ivtools.gap.preflight import overlap, told_apart
@@ -17,7 +18,7 @@ from ivtools.gap.quantify import Shrink
 from ivtools.gap.rules import Rules
 from ivtools.gap.verdict import lowers
 from ivtools.linalg.swing import Swing
-from ivtools.physics import Parameter, Term
+from ivtools.physics import EFFECTS, Parameter, Term
 
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 SECONDS = 16.0
@@ -212,25 +213,41 @@ def test_friction_that_was_warm_before_the_record_is_described_and_not_named(sta
     assert "how much moved before" in gap.summary()
 
 
+NOISE, SHAPE = np.random.default_rng(2).normal(size=2000), np.sin(np.arange(2000) / 7.0)
+
+
+def left(size, shape=SHAPE):
+    """Return a stand-in of a fit that leaves so much of a shape in noise."""
+    e = NOISE + size * shape
+    sums = SimpleNamespace(block_sums=lambda x: x.reshape(40, 50).sum(axis=1))
+    return SimpleNamespace(fold=sums, e=e, J=np.ones((2000, 1)), cost=float(np.mean(e**2)))
+
+
+def spline(size, over=("q", "past"), shape=SHAPE):
+    """Return a force without a name that leaves so much of it."""
+    return Spline(over, 0.0, (NOISE + size * shape,))
+
+
 def test_a_name_falls_where_a_force_without_one_explains_more():
-    rng, shape = np.random.default_rng(2), np.sin(np.arange(2000) / 7.0)
-    noise = rng.normal(size=2000)
+    base, rules, gone = (left(3.0),), Rules(), (spline(0.0), spline(0.0))
+    assert _outdone(base, (left(1.7),), *gone, rules)
+    assert not _outdone(base, (left(0.5),), *gone, rules)  # equivalent
+    assert _outdone(base, (left(0.5),), spline(0.0, ("q",)), spline(0.0), rules)  # one law is
+    assert not _outdone(base, (left(1.7),), spline(0.8), spline(0.0), rules)  # both are there
+    few = np.where(np.arange(2000) < 300, SHAPE, 0.0)  # in six blocks only
+    assert not _outdone((left(3.0, few),), (left(2.0, few),), *gone, rules)
+    assert _outdone((left(9.0, few),), (left(6.0, few),), *gone, rules)  # most of it
 
-    def fit(size):
-        e = noise + size * shape
-        sums = SimpleNamespace(block_sums=lambda x: x.reshape(40, 50).sum(axis=1))
-        return SimpleNamespace(fold=sums, e=e, J=np.ones((2000, 1)), cost=float(np.mean(e**2)))
 
-    def spline(size):
-        return Spline((), 0.0, (noise + size * shape,))
-
-    base, rules = (fit(3.0),), Rules()
-    assert _outdone(base, (fit(1.7),), spline(0.0), spline(0.0), rules)
-    assert not _outdone(base, (fit(0.5),), spline(0.0), spline(0.0), rules)  # equivalent
-    assert not _outdone(base, (fit(1.7),), spline(0.8), spline(0.0), rules)  # both are there
-    shape[300:] = 0.0  # in six blocks only
-    assert not _outdone((fit(3.0),), (fit(2.0),), spline(0.0), spline(0.0), rules)
-    assert _outdone((fit(9.0),), (fit(6.0),), spline(0.0), spline(0.0), rules)  # most of it
+@pytest.mark.parametrize(("effect", "names"), [("friction-drift", 0), ("cogging", 1)])
+def test_an_effect_of_time_falls_where_friction_that_remembers_use_does_better(
+    effect, names, monkeypatch
+):
+    base, held = (left(3.0),), (left(0.9),)
+    heat, both = spline(0.3, ("heat",)), spline(0.2)
+    monkeypatch.setattr(selection, "fitted", lambda fits, laws: heat if fits is base else both)
+    trial = SimpleNamespace(term=EFFECTS[effect], unlike=0.9)  # no law of the state could have it
+    assert selection._names_kept([base, held], None, [(trial,)], Rules()) == names
 
 
 def test_forces_that_remember_have_one_unit_on_every_fold():
@@ -281,3 +298,10 @@ def test_one_direction_of_motion_leaves_one_friction():
     assert "offset" not in told_apart([there], iv.axes.emps()).names
     back = iv.Record(t, q=np.sin(t), q_ref=np.sin(t), nu=np.sin(t))
     assert told_apart([back], iv.axes.emps()).names == iv.axes.emps().names
+
+
+def test_friction_that_remembers_use_is_a_law_of_its_own():
+    assert Spline(("heat", "warm"), 0.1, ()).of_use and Spline(("heat",), 0.1, ()).of_use
+    assert not Spline(("heat", "dq"), 0.1, ()).of_use and not Spline((), 0.0, ()).of_use
+    timed = {name for name, term in EFFECTS.items() if term.of_time}
+    assert timed == {"friction-drift", "offset-drift"}

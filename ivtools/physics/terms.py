@@ -190,10 +190,20 @@ class Term:
         along a small motion, and the same elsewhere and later. A line over position is as large
         everywhere, and its phase is a matter of each record.
         """
+        return self._along(q=0.1) or self.of_time
+
+    @cached_property
+    def of_time(self) -> bool:
+        """Whether its law changes with the time."""
+        return self._along(later=1.0)
+
+    def _along(self, **other: float) -> bool:
+        """Whether the law is another one along another motion; a line is as large everywhere."""
         if self.law is None or self.search == "lines":
             return False
-        values = [float(np.clip(0.5, p.lower, p.upper)) for p in self.parameters]
-        return self._changes(values, q=0.1) or self._changes(values, later=1.0)
+        return self._changes(
+            [float(np.clip(0.5, p.lower, p.upper)) for p in self.parameters], **other
+        )
 
     @cached_property
     def of_speed(self) -> bool:

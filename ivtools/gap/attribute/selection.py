@@ -231,8 +231,7 @@ def attribute(
     models = [common(fits) for fits in (base, *(t.held for t in ends))] if left else []
     laws = next(filter(None, map(Laws.of, models[::-1])), None)
     seen = bool(best) and best[0][0].name == rounds[0].measured
-    own = [any(t.unlike > UNLIKE_SMOOTH for t in group) for group in best]
-    count = len(best) if laws is None else _names_kept(models, laws, own, rules, int(seen))
+    count = len(best) if laws is None else _names_kept(models, laws, best, rules, int(seen))
     fits, held = (ends[count - 1].fits, ends[count - 1].held) if count else (base, base)
     names = [t.name for group in best[:count] for t in group]
     kept, fits, held = _backward(sides, base, fits, held, names)
@@ -299,7 +298,7 @@ def _pair(
 def _names_kept(
     models: Sequence[tuple[Fit, ...]],
     laws: Laws,
-    own: Sequence[bool],
+    groups: Sequence[Sequence[Trial]],
     rules: Rules,
     least: int = 0,
 ) -> int:
@@ -309,15 +308,17 @@ def _names_kept(
     after each number of names and without any, and held-out data judge: of those that predict as
     well as the best, within a standard error, the one with most names is taken that the force
     without a name does not outdo by itself. The first stays if a further sensor in the law has
-    measured it, for that is no guess: `least` is 1 then.
+    measured it, for that is no guess: `least` is 1 then. What changes with use changes with time as
+    well: where friction that warms up does better than an effect of time, that has no name.
 
     Parameters
     ----------
     models : sequence of tuple of Fit
         Without names, with the first one, and so on.
     laws : Laws
-    own : sequence of bool
-        Of each name, whether it has what no smooth law could have: that is not outdone by one.
+    groups : sequence of sequence of Trial
+        What gets each name, or two at once. One that has what no smooth law could have is not
+        outdone by such a law.
     rules : Rules
     least : int
 
@@ -325,6 +326,8 @@ def _names_kept(
     1984, section 3.4.3: the one-standard-error rule.
     """
     left = threaded(lambda fits: fitted(fits, laws), models)
+    own = [any(t.unlike > UNLIKE_SMOOTH for t in group) for group in groups]
+    timed = [any(t.term.of_time for t in group) for group in groups]
 
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""
@@ -335,6 +338,9 @@ def _names_kept(
     def holds(k: int) -> bool:
         """Whether so many names do."""
         if any(better(other, left[k]) for other in left[least:k]):
+            return False
+        used = zip(timed[:k], left, strict=False)
+        if any(t and s.of_use and s.cost < cost(models[k]) for t, s in used):
             return False
         smooth = least == 0 and not any(own[:k])
         return not smooth or not _outdone(models[0], models[k], left[0], left[k], rules)
@@ -347,8 +353,8 @@ def _outdone(
 ) -> bool:
     """Whether a force without a name explains what names do, and significantly more.
 
-    By more than effects may differ that are equivalent where a gap is left, and unless the names
-    have something that it has not: then both are there.
+    Where it takes several laws, by more than effects may differ that are equivalent where a gap is
+    left; and unless the names have something that it has not: then both are there.
 
     Parameters
     ----------
@@ -359,8 +365,9 @@ def _outdone(
     """
     saved = cost(held) - plain.cost
     alone = Spline((), 0.0, tuple(beside(h, h.e[:, None])[:, 0] for h in held))
+    margin = rules.equivalence_open if len(plain.over) > 1 else 0.0
     return (
-        saved > rules.equivalence_open * (cost(base) - plain.cost)
+        saved > margin * (cost(base) - plain.cost)
         and advantage(base, alone, plain) > least_t(saved / cost(held))
         and advantage(base, plain, both) < DISCREPANCY_T
     )
@@ -385,8 +392,8 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
         return found
     models = [common(fits) for fits in (base, frozen(sides, found.fits))]
     laws = Laws.of(models[-1])
-    own = [any(t.unlike > UNLIKE_SMOOTH for _, t in found._winners.values())]
-    if laws is None or _names_kept(models, laws, own, found.rules):
+    winners = [tuple(t for _, t in found._winners.values())]
+    if laws is None or _names_kept(models, laws, winners, found.rules):
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 

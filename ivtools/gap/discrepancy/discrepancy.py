@@ -27,7 +27,7 @@ from .. import spatial_lines
 from ..fit import Fit, normal
 from ..fold import block_t
 from ..rules import COOLING, DISCREPANCY_MOST, DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
-from .smooth import Basis, Columns, beside, signals
+from .smooth import OF_USE, Basis, Columns, beside, signals
 
 Array = NDArray[np.float64]
 
@@ -206,6 +206,11 @@ class Spline:
     gain: float
     left: tuple[Array, ...]
     force: Callable[[], tuple[Array, ...]] = tuple
+
+    @property
+    def of_use(self) -> bool:
+        """Whether it is friction that depends on how much the axis moved before, and no more."""
+        return bool(self.over) and {*self.over} <= OF_USE
 
     @property
     def cost(self) -> float:

@@ -42,6 +42,8 @@ Array = NDArray[np.float64]
 #: before the record as well, "wave" friction that is periodic over position, "swing" what a load
 #: does that hangs from the axis.
 OVER = ("q", "dq", "load", "drive", "state", "gain", "past", "heat", "warm", "wave", "swing")
+#: Those of friction that remembers how much the axis moved.
+OF_USE = {"heat", "warm"}
 
 
 @dataclass(frozen=True, eq=False)
