@@ -132,7 +132,8 @@ COMMON = 0.1
 LEAST_BLOCK = 20
 #: Square of a singular value, of the largest, below which sizes of forces are one (numerics).
 TOLD_APART = 1e-9
-#: Share of an error that is discounted, below which it is not (numerics: half of the directions).
+#: A direction in which an error is discounted by less than this is not discounted (numerics: half
+#: of them).
 UNDOUBTED = 1e-3
 #: Numbers of stretches into which a record that judges itself may be cut (training).
 STRETCHES = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
@@ -213,7 +214,7 @@ PER_COEFFICIENT = 20
 #: Energy of a combination of force laws, of the largest, from which on they are the same
 #: (numerics).
 DEPENDENT = 1e-12
-#: Share of the energy of a smooth law that typical samples must show for it to be fitted to them
+#: A smooth law is fitted to typical samples if they show this share of its energy at least
 #: (training: a joint beside one that rattles, 1e-5 to 0.01 do the same; the least changes fewest).
 SHOWN = 1e-5
 #: Width of the lag window that keeps the noise model stable, per sample, and its largest root
@@ -323,7 +324,7 @@ UNNAMED = 1.02
 TIE = 0.005
 #: Of the best gain in the screening: what is below is not its rival (training).
 RIVAL = 0.35
-#: Of the least gain of a steady effect: what is below in the screening is not fitted (training).
+#: An effect is fitted if the screening gives it this share of the least gain of a name (training).
 WORTH_A_FIT = 0.4
 #: Share of a record unexplained by smooth laws that points to a second mass (training).
 ROUGH = 0.1
@@ -411,8 +412,8 @@ ALIKE = 1e-10
 DESCRIBED = 1.05
 #: Block t value of the energy that it saves on held-out data (training).
 DISCREPANCY_T = 3.0
-#: Share of that energy from which fewer blocks do, and their t value (as of dominant effects: what
-#: depends on the load shows where the axis accelerates).
+#: Share of that energy from which fewer blocks are enough, and their t value (as of dominant
+#: effects: what depends on the load shows where the axis accelerates).
 DISCREPANCY_MOST = (0.5, 2.0)
 #: Standard errors by which names may predict worse than a force without a name does (theory:
 #: Breiman et al., 1984; training: four false names were 1.1 to 5.7 worse; of true ones only one,
@@ -446,29 +447,11 @@ REMARK = 0.03
 FEW_EDGES = 0.05
 #: Blocks at least, also of a short stretch, for the interval of an error (theory).
 LEAST_BLOCKS = 10
-#: Share of the force error by which names must lower it (judgement: of two false names, on a
+#: Share of the force error by which a name lowers it at least (judgement: of two false names, on a
 #: healthy arm and a healthy axis with encoder noise, the larger lowered it by 0.0005).
 FAINT = 0.005
-#: Share of a link's force on a joint that the joint's own inertia and frictions do not have, below
-#: which it is theirs (numerics).
-OWN = 1e-3
-#: Share of what the swing of links, its own or other joints', takes from a joint's error to which
-#: it is known (training: it leaves 0.002 to 0.01 of it on joints that lack nothing).
-SWUNG = 0.0125
-#: Speed of a drive, of the largest, from which its forces tell what its link does (physics: below,
-#: stiction takes what it takes).
-CRAWLING = 0.02
-#: Radians or metres of the free swing along which a load counts as linear (numerics).
-SMALL_SWING = 1e-3
-#: Poses at which the mean inertia of a joint is taken (numerics: to some per cent).
-POSES = 50
-#: Part of a record, 1 / of it, after which errors of a robot count: its links swing in (taste).
-SWING_IN = 20
-#: Times that the joints of a robot are diagnosed at most, beside what was named before (cost).
-ROUNDS = 2
-#: Of the largest singular value: what is below is nothing (numerics: rounding of a product).
-SINGULAR = 1e-12
-#: Whitened energy that is worth a name even so (judgement: that false name removed 0.02).
+#: Whitened energy from which a name need not: fast noise is most of the force error, and the effect
+#: stands out of it (judgement: of those two the larger removed 0.02).
 HEARD = 0.05
 #: Share of the gap below which an effect closes nothing by itself (training).
 NOTHING_ALONE = 0.02
@@ -485,6 +468,31 @@ NEAR_REVERSAL = 0.05
 ACCELERATING = 0.05
 #: Frequency bands in which the gap is shown, Hz (taste).
 BANDS = (0.0, 2.0, 12.0, 50.0, float("inf"))
+
+# --- robot: joints under the loads of their links ----------------------------------------------
+
+#: A link puts a force on its joint. Share of it that the joint's own inertia and frictions could not
+#: make: less than this, and they are told to make all of it (numerics).
+OWN = 1e-3
+#: Links that swing, the joint's own or others', put an error on a joint. Share of it that stays when
+#: they are simulated: what removes less than that may be this rest (training: 0.002 to 0.01 of it
+#: stay on joints that lack nothing).
+SWUNG = 0.0125
+#: Speed of a drive, of the largest, from which its forces tell what its link does (physics: below,
+#: stiction takes what it takes).
+CRAWLING = 0.02
+#: Radians or metres of the free swing along which a load counts as linear (numerics).
+SMALL_SWING = 1e-3
+#: Poses at which the mean inertia of a joint is taken (numerics: to some per cent).
+POSES = 50
+#: Part of a record, 1 / of it, after which errors of a robot count: its links swing in (taste).
+SWING_IN = 20
+#: Times that the joints of a robot are diagnosed at most, beside what was named before (cost).
+ROUNDS = 2
+#: Singular value, of the largest, below which a combination of columns is rounding (numerics).
+SINGULAR = 1e-12
+
+# --- names: what an effect must reach ----------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -533,15 +541,15 @@ class Rules:
         at all needs a smaller gain: most of the gap follows no law, as what the axis and a
         simulator with a pendulum do differently.
     equivalence : float
-        Equivalence margin: effects within this fraction of the best gain, or within
+        Two effects are equivalent if their gains differ by less than this share.
     equivalence_open : float
-        this one where a gap is left in the end,
+        The same where a gap is left in the end, which may decide between them.
     correlation : float
-        which change the error in a way this much correlated, are not distinguishable from it,
+        They are not distinguishable if what they change correlates by more than this as well.
     distinguishable : float
-        unless the block-robust t value of the difference is larger and nothing else is left, or
+        They are, if nothing else is left and one predicts better by this block-robust t value.
     distinguishable_several : float
-        larger than this, where there are several such effects.
+        The same t value where several effects are equivalent: the best form is likelier then.
     refit : int
         Effects of the screening that are fitted.
     most : int
