@@ -471,12 +471,12 @@ BANDS = (0.0, 2.0, 12.0, 50.0, float("inf"))
 
 # --- robot: joints under the loads of their links ----------------------------------------------
 
-#: A link puts a force on its joint. Share of it that the joint's own inertia and frictions could not
-#: make: less than this, and they are told to make all of it (numerics).
+#: A link's force on a joint counts as the joint's own if its own inertia and frictions make all of
+#: it but this share (numerics).
 OWN = 1e-3
-#: Links that swing, the joint's own or others', put an error on a joint. Share of it that stays when
-#: they are simulated: what removes less than that may be this rest (training: 0.002 to 0.01 of it
-#: stay on joints that lack nothing).
+#: Links that swing, its own or others', put an error on a joint. Share of it that stays when they
+#: are simulated: what removes less than that may be this rest (training: 0.002 to 0.01 of it stay
+#: on joints that lack nothing).
 SWUNG = 0.0125
 #: Speed of a drive, of the largest, from which its forces tell what its link does (physics: below,
 #: stiction takes what it takes).
