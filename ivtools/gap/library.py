@@ -14,7 +14,7 @@ from scipy.stats import qmc
 from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from ..record import Record
-from .rules import BEHIND, LINKED, MOST_SCANS, SAME_SIGNAL
+from .rules import BEHIND, DRY, LINKED, MOST_SCANS, SAME_SIGNAL, TAKES_HOLD
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Scales:
         """Size of each kind of scale, SI."""
         q, dq, _, tau = self.trajectory
         force, stroke = float(np.sqrt(np.mean(tau**2))), float(np.ptp(q))
-        friction = abs(self.loop.start.get("coulomb", 0.2 * force)) or 0.2 * force
+        friction = abs(self.loop.start.get("coulomb", 0.0)) or DRY * force
         return {
             "force": force,
             "peak": float(np.max(np.abs(tau))),
@@ -59,7 +59,7 @@ class Scales:
             "time": float(np.ptp(self.record.t)),
             "step": self.record.dt,
             "command": float(np.max(np.abs(self.loop.command(self.record)))),
-            "stiffness": friction / (5e-4 * stroke),
+            "stiffness": friction / (TAKES_HOLD * stroke),
             "per force": 1.0 / force,
             "one": 1.0,
         }

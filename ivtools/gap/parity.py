@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import IVToolsError
+from ..linalg import block_covariance
 from ..loop import ClosedLoop, Controller
 from ..loop.controllers import Seen
 from ..loop.controllers.law import clipped
@@ -301,11 +302,9 @@ def _fit(
 def _deviations(columns: Array, e: Array, blocks: int = PARITY_BLOCKS) -> Array:
     """Return block-robust standard deviations."""
     bread = np.linalg.pinv(columns.T @ columns)
-    scores = [
-        c.T @ r
-        for c, r in zip(np.array_split(columns, blocks), np.array_split(e, blocks), strict=True)
-    ]
-    meat = np.asarray(scores).T @ np.asarray(scores)
+    parts = np.array_split(np.arange(len(e)), blocks)
+    firsts = np.array([rows[0] for rows in parts if len(rows)], dtype=np.intp)
+    meat = block_covariance(columns * e[:, np.newaxis], firsts)
     return np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0))
 
 

@@ -20,7 +20,7 @@ from ..linalg import as_columns
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..record import Record
-from .rules import AFTER_REVERSAL, RESPONSE_TIME, SPEED_KNOTS
+from .rules import AFTER_REVERSAL, MOVES, RESPONSE_TIME, SPEED_KNOTS
 
 Array = NDArray[np.float64]
 
@@ -153,7 +153,7 @@ def _scaled(columns: list[Array]) -> Array:
 
 def _speed(dq: Array, s: Array) -> list[Array]:
     size = np.abs(dq)
-    moving = size[size > 1e-3 * size.max()]
+    moving = size[size > MOVES * size.max()]
     if not moving.size:
         raise EstimationError("the simulated loop stands still, or diverges: nothing to compare")
     knots = np.unique(np.quantile(moving, np.linspace(0.0, 1.0, SPEED_KNOTS)))

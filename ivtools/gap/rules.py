@@ -53,6 +53,8 @@ UNIT_R2 = 0.98
 #: and at most, of the sampling rate.
 PULL_HZ = 5.0
 PULL_RATE = 0.025
+#: Damping of that pull (physics).
+PULL_DAMPING = 0.7
 #: Phase margin, degrees, below which a velocity loop is pulled to the motion too (judgement: the
 #: one of laas-motor has 1 to 4, those of ordinary drives 45 and more).
 MARGIN = 15.0
@@ -174,12 +176,18 @@ LINKED: dict[str, dict[str, tuple[float, ...]]] = {
     },
 }
 
+#: Dry friction, of the force of the drive, where the axis file states none, and the share of the
+#: stroke after which it acts in full: where a search for presliding begins (physics).
+DRY, TAKES_HOLD = 0.2, 5e-4
+
 # --- response, spatial lines and floor --------------------------------------------------------
 
 #: Seconds of impulse response of the command to a force (training: ten time constants).
 RESPONSE_TIME = 0.6
 #: Speeds between which a generic friction law is interpolated (training).
 SPEED_KNOTS = 7
+#: Speed, of the largest, from which an axis moves (numerics).
+MOVES = 1e-3
 #: Seconds in which a friction comes back after a reversal (physics: of asperities to of grease).
 AFTER_REVERSAL = (0.005, 0.02, 0.1)
 #: Bins over the stroke in the search for lines over position (numerics).
@@ -188,8 +196,11 @@ POSITION_BINS = 1 << 14
 PADDING = 4
 #: Speeds at which the response to a line is looked up (numerics).
 LINE_SPEEDS = 40
-#: Share of the sampling rate that a line may reach at high speed (theory: Nyquist, with room).
-LINE_TOP = 0.35
+#: Share of the sampling rate that a line may reach at high speed (theory: Nyquist, with room), and
+#: the quantile of the speeds that is one.
+LINE_TOP, HIGH_SPEED = 0.35, 0.9
+#: Energy that any line has, of the largest: fainter ones are not raised above it (numerics).
+FAINT_LINE = 1e-3
 #: Periods that a stroke must hold at least for a line (theory: it must come twice).
 LINE_PERIODS = 2.0
 #: Bins over a period of a line at least, and bumps over it that are another law (theory: two are
@@ -389,6 +400,10 @@ CHANCE = 2.0
 #: Block t value by which an effect periodic over position must do better than periodic friction,
 #: which is no effect (training: true ones reach 3, seeds 310 to 312).
 OTHER_WAVE_T = 1.0
+#: Quantile of speed and force at which their knots begin (numerics: zero is many samples).
+FIRST_KNOT = 0.02
+#: Knots over the load (theory: smooth).
+LOAD_KNOTS = 4
 #: Knots over position, and over speed, of what depends on both together (theory: smooth).
 COARSE_KNOTS = (8, 4)
 #: Seconds in which a past motion is forgotten (physics: seals and belts), and frequencies, Hz, and

@@ -17,7 +17,17 @@ from ..loop import Simulation
 from ..physics import Term
 from .fold import Fold
 from .response import Response, weight
-from .rules import LINE_BINS, LINE_PERIODS, LINE_SPEEDS, LINE_TOP, LINES, PADDING, POSITION_BINS
+from .rules import (
+    FAINT_LINE,
+    HIGH_SPEED,
+    LINE_BINS,
+    LINE_PERIODS,
+    LINE_SPEEDS,
+    LINE_TOP,
+    LINES,
+    PADDING,
+    POSITION_BINS,
+)
 
 Array = NDArray[np.float64]
 
@@ -79,7 +89,7 @@ def _peaks(
     )
     lines = np.abs(np.fft.rfft(density, PADDING * POSITION_BINS)) ** 2
     k = np.arange(len(lines)) / (PADDING * stroke)  # 1/m
-    top = LINE_TOP / fold.record.dt / max(np.quantile(np.abs(v), 0.9), 1e-300)
+    top = LINE_TOP / fold.record.dt / max(np.quantile(np.abs(v), HIGH_SPEED), 1e-300)
     use = (k > LINE_PERIODS / stroke) & (k < min(top, POSITION_BINS / (LINE_BINS * stroke)))
     if not use.any():
         return []
@@ -98,7 +108,7 @@ def _energy(k: Array, v: Array, weight: Array, fold: Fold, response: Response) -
     total = np.zeros(len(k))
     for speed, share in zip(speeds, energy, strict=True):
         total += 0.5 * share * np.interp(speed * k, hz, gain, right=gain[-1])
-    return total + 1e-3 * np.max(total)
+    return total + FAINT_LINE * np.max(total)
 
 
 def _maxima(x: Array, count: int, width: int) -> list[int]:

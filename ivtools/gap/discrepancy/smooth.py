@@ -24,8 +24,10 @@ from ..rules import (
     CHANCE,
     COARSE_KNOTS,
     COOLING,
+    FIRST_KNOT,
     FORGETTING,
     LEAST_KNOTS,
+    LOAD_KNOTS,
     MOST_KNOTS,
     POSITION_KNOTS,
     RINGING,
@@ -76,14 +78,14 @@ class Basis:
             Distance of its knots over position, m or rad; 0 is that of any law.
         """
         q, dq, tau = (np.concatenate([s[:, 0] for s in kind]) for kind in signals(runs))
-        speed = np.quantile(np.abs(dq), np.linspace(0.02, 1.0, SPEED_KNOTS))
-        drive = np.quantile(np.abs(tau), np.linspace(0.02, 1.0, SPEED_KNOTS))
+        speed = np.quantile(np.abs(dq), np.linspace(FIRST_KNOT, 1.0, SPEED_KNOTS))
+        drive = np.quantile(np.abs(tau), np.linspace(FIRST_KNOT, 1.0, SPEED_KNOTS))
         where, fast = COARSE_KNOTS
         return cls(
             {
                 "q": np.linspace(q.min(), q.max(), _knots(float(np.ptp(q)), spacing)),
                 "dq": np.unique(speed),
-                "load": np.linspace(0.0, float(np.max(np.abs(tau))), 4)[1:],
+                "load": np.linspace(0.0, float(np.max(np.abs(tau))), LOAD_KNOTS)[1:],
                 "drive": np.unique(drive),
                 "where": np.linspace(q.min(), q.max(), where),
                 "how fast": np.linspace(0.0, float(np.max(np.abs(dq))), fast),

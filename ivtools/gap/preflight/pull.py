@@ -16,7 +16,7 @@ from ...loop.bandwidth import margin_deg
 from ...loop.observer import driven_by
 from ...loop.rough_inertia import shown_inertia
 from ...record import Record
-from ..rules import MARGIN, PULL_HZ, PULL_RATE
+from ..rules import MARGIN, PULL_DAMPING, PULL_HZ, PULL_RATE
 from .findings import Finding
 
 
@@ -80,7 +80,7 @@ def pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
     inertia = _inertia(record, loop)
     hz = _pull_hz(record, loop, inertia)
     unit = inertia * 2.0 * np.pi * hz / loop.gain
-    pull = Controller("pd", {"kp": unit * 2.0 * np.pi * hz, "kd": 1.4 * unit})
+    pull = Controller("pd", {"kp": unit * 2.0 * np.pi * hz, "kd": 2.0 * PULL_DAMPING * unit})
     driven = driven_by(loop.command(record), record.q, record)  # smoothed, it would pull by itself
     return driven, replace(loop, controller=pull)
 
