@@ -301,7 +301,7 @@ def test_one_direction_of_motion_leaves_one_friction():
 
 
 def test_friction_that_remembers_use_is_a_law_of_its_own():
-    assert Spline(("heat", "warm"), 0.1, ()).of_use and Spline(("heat",), 0.1, ()).of_use
-    assert not Spline(("heat", "dq"), 0.1, ()).of_use and not Spline((), 0.0, ()).of_use
+    assert Spline(("warm", "dq"), 0.1, ()).of_use and Spline(("heat",), 0.1, ()).of_use
+    assert not Spline(("dq", "heat"), 0.1, ()).of_use and not Spline((), 0.0, ()).of_use
     timed = {name for name, term in EFFECTS.items() if term.of_time}
     assert timed == {"friction-drift", "offset-drift"}

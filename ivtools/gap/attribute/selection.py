@@ -197,10 +197,6 @@ def attribute(
     without : tuple of str
         Effects left out of the library.
     """
-    elsewhere = any(s.fold.both is not None for s in sides)
-    rounds: list[Round] = []
-    best: list[tuple[Trial, ...]] = []  # what gets a name at once: one effect, or a pair
-    room = rules.most
 
     def tried(earlier: Sequence[Round], only: str = "") -> Round:
         """Return the round that comes after some others, of all effects or one."""
@@ -208,6 +204,48 @@ def attribute(
         terms = library(last.fits[0].loop if last else base[0].loop, extra, without)
         return play(sides, base, earlier, [t for t in terms if only in ("", t.name)], rules)
 
+    rounds, groups, local = _forward(tried, base, rules)
+    if local:
+        known = {name: at for r in rounds for name, at in r.valleys.items()}
+        sides = tuple(replace(s.common, places={**s.places, **known}) for s in sides)
+        return attribute(sides, common(base), rules, extra, without)
+    ends = [group[-1] for group in groups]
+    left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
+    models = [common(fits) for fits in (base, *(t.held for t in ends))] if left else []
+    laws = next(filter(None, map(Laws.of, models[::-1])), None)
+    seen = bool(groups) and groups[0][0].name == rounds[0].measured
+    count = len(groups) if laws is None else _names_kept(models, laws, groups, rules, int(seen))
+    fits, held = (ends[count - 1].fits, ends[count - 1].held) if count else (base, base)
+    names = [t.name for group in groups[:count] for t in group]
+    kept, fits, held = _backward(sides, base, fits, held, names)
+    found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws=laws)
+    found = _withdrawn(sides, found)
+    first = rounds[0].best if rounds else None
+    if found.named or first is None or first.removed < MOST * (cost(base) - 1.0):
+        return found
+    return replace(found, supposed=Supposed(first.name, first.fits[0].values, first.gain))
+
+
+def _forward(
+    tried: Callable[..., Round], base: tuple[Fit, ...], rules: Rules
+) -> tuple[list[Round], list[tuple[Trial, ...]], bool]:
+    """Look for one effect after the other.
+
+    Returns the rounds, what gets a name in each of them, one effect or a pair, and whether the last
+    one depends on positions or times that the other record has not seen: then all are looked for
+    once more where both have been.
+
+    Parameters
+    ----------
+    tried : callable
+        Plays the round that comes after others.
+    base : tuple of Fit
+    rules : Rules
+    """
+    elsewhere = any(f.fold.both is not None for f in base)
+    rounds: list[Round] = []
+    groups: list[tuple[Trial, ...]] = []
+    room = rules.most
     while room:
         rounds.append(tried(rounds))
         winner = rounds[-1].best
@@ -219,28 +257,12 @@ def attribute(
             group = tuple(r.best for r in more[-2:] if r.best is not None)
             local = elsewhere and any(t.term.local for t in group)
         if local:
-            known = {name: at for r in rounds for name, at in r.valleys.items()}
-            sides = tuple(replace(s.common, places={**s.places, **known}) for s in sides)
-            return attribute(sides, common(base), rules, extra, without)
+            return rounds, groups, True
         if not group:
             break
-        best.append(group)
+        groups.append(group)
         room -= len(group)
-    ends = [group[-1] for group in best]
-    left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
-    models = [common(fits) for fits in (base, *(t.held for t in ends))] if left else []
-    laws = next(filter(None, map(Laws.of, models[::-1])), None)
-    seen = bool(best) and best[0][0].name == rounds[0].measured
-    count = len(best) if laws is None else _names_kept(models, laws, best, rules, int(seen))
-    fits, held = (ends[count - 1].fits, ends[count - 1].held) if count else (base, base)
-    names = [t.name for group in best[:count] for t in group]
-    kept, fits, held = _backward(sides, base, fits, held, names)
-    found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws=laws)
-    found = _withdrawn(sides, found)
-    first = rounds[0].best if rounds else None
-    if found.named or first is None or first.removed < MOST * (cost(base) - 1.0):
-        return found
-    return replace(found, supposed=Supposed(first.name, first.fits[0].values, first.gain))
+    return rounds, groups, False
 
 
 def _pair(

@@ -209,8 +209,8 @@ class Spline:
 
     @property
     def of_use(self) -> bool:
-        """Whether it is friction that depends on how much the axis moved before, and no more."""
-        return bool(self.over) and {*self.over} <= OF_USE
+        """Whether most of it is friction that depends on how much the axis moved before."""
+        return bool(self.over) and self.over[0] in OF_USE
 
     @property
     def cost(self) -> float:
