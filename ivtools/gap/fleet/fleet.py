@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from statistics import median
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...display import Displayed
 from ...files import write
@@ -43,6 +43,8 @@ class Fleet(Displayed):
     folder : Path or None
         Where the pages are.
     """
+
+    figure: ClassVar[str] = "fleet.fleet"
 
     entries: tuple[Entry, ...]
     axis: str

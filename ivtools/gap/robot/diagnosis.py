@@ -15,6 +15,8 @@ from ..fleet.entry import Entry
 from ..fleet.fleet import Fleet
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ...report import Card, Page
 
 
@@ -100,9 +102,12 @@ class RobotDiagnosis(Displayed):
         entries = [Entry(n, content=d.to_dict(), diagnosis=d) for n, d in self.joints.items()]
         return Fleet(tuple(entries), self.robot)
 
+    def plot(self, **options: Any) -> Figure:
+        """Return effects by joint, and the force error of each before and after."""
+        return self.fleet().plot(**options)
+
     def page(self) -> Page:
         """Return the overview: joints by effects."""
-        from ...plots.fleet import fleet
         from ...report import Page, Picture
         from ..page import add_joint
 
@@ -111,7 +116,7 @@ class RobotDiagnosis(Displayed):
             "Effects by joint, and the force error of each joint by itself, before and "
             "after they are in the model, with its 95 % interval and the floor."
         )
-        out.add("The joints at a glance", figures=[Picture("joints", fleet(self.fleet()), caption)])
+        out.add("The joints at a glance", figures=[Picture("joints", self.plot(), caption)])
         out.add("Joints", tables=[self.summary()])
         for k, (name, diagnosis) in enumerate(self.joints.items(), 1):
             add_joint(out, name, diagnosis, f"joint-{k}")
