@@ -559,6 +559,11 @@ class Rules:
         Two effects are equivalent if their gains differ by less than this share.
     equivalence_open : float
         The same where a gap is left in the end, which may decide between them.
+    equivalence_law : float
+        The same against one law of the state, or of use, that has no name and explains all that the
+        names do (training: friction over position, a sine there and a parabola in the library,
+        falls short of such a law by 0.009 to 0.016 of the gap; springs and drifts that are no such
+        thing by 0.03 to 0.4).
     correlation : float
         They are not distinguishable if what they change correlates by more than this as well.
     distinguishable : float
@@ -592,6 +597,7 @@ class Rules:
     thorough: Threshold = Threshold(0.012, 5.0, 1.67, 0.6)
     equivalence: float = 0.12
     equivalence_open: float = 0.25
+    equivalence_law: float = 0.02
     correlation: float = 0.6
     distinguishable: float = 3.0
     distinguishable_several: float = 2.3

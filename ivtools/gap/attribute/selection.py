@@ -362,7 +362,7 @@ def _names_kept(
         if any(better(other, left[k]) for other in left[least:k]):
             return False
         used = zip(timed[:k], left, strict=False)
-        if any(t and s.of_use and s.cost < cost(models[k]) for t, s in used):
+        if any(t and s.of_use and _short(models[0], models[k], s, rules) for t, s in used):
             return False
         smooth = least == 0 and not any(own[:k])
         return not smooth or not _outdone(models[0], models[k], left[0], left[k], rules)
@@ -370,13 +370,22 @@ def _names_kept(
     return next((k for k in range(len(models) - 1, least, -1) if holds(k)), least)
 
 
+def _short(base: tuple[Fit, ...], held: tuple[Fit, ...], law: Spline, rules: Rules) -> bool:
+    """Whether names remove less than a force without a name, by more than equals differ.
+
+    One law alone leaves names less room than several, which may describe anything.
+    """
+    alone = len(law.over) == 1 or law.of_use
+    margin = rules.equivalence_law if alone else rules.equivalence_open
+    return cost(held) - law.cost > margin * (cost(base) - law.cost)
+
+
 def _outdone(
     base: tuple[Fit, ...], held: tuple[Fit, ...], plain: Spline, both: Spline, rules: Rules
 ) -> bool:
     """Whether a force without a name explains what names do, and significantly more.
 
-    Where it takes several laws, by more than effects may differ that are equivalent where a gap is
-    left; and unless the names have something that it has not: then both are there.
+    Unless the names have something that it has not: then both are there.
 
     Parameters
     ----------
@@ -387,9 +396,8 @@ def _outdone(
     """
     saved = cost(held) - plain.cost
     alone = Spline((), 0.0, tuple(beside(h, h.e[:, None])[:, 0] for h in held))
-    margin = rules.equivalence_open if len(plain.over) > 1 else 0.0
     return (
-        saved > margin * (cost(base) - plain.cost)
+        _short(base, held, plain, rules)
         and advantage(base, alone, plain) > least_t(saved / cost(held))
         and advantage(base, plain, both) < DISCREPANCY_T
     )
