@@ -11,9 +11,9 @@ from collections.abc import Iterable
 
 from ..errors import AxisError
 from . import drive, friction, sensor, transmission
-from .terms import Law, Parameter, Term
+from .terms import PHASES, Law, Parameter, Term
 
-__all__ = ["EFFECTS", "TERMS", "Law", "Parameter", "Term", "find"]
+__all__ = ["EFFECTS", "PHASES", "TERMS", "Law", "Parameter", "Term", "find"]
 
 TERMS: dict[str, Term] = {
     term.name: term for module in (transmission, friction, drive, sensor) for term in module.TERMS

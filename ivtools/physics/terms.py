@@ -33,6 +33,11 @@ _SYMBOLS = {
 }
 
 
+#: Parameters of a line over position that have its phase: what they are in one record says nothing
+#: of another.
+PHASES = ("cosine", "sine")
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A parameter of a term.
@@ -114,7 +119,7 @@ class Term:
         ``"valleys"`` searches the box they span, for the error has many minima (that of a force law
         in the inverse model, which knows the motion however far the loop strays); ``"lines"`` takes
         its period, the only parameter with starting values, from the spectrum over position, and
-        its phase, that of a cosine and a sine, is a matter of each record; ``"either"`` takes one
+        its phase, which its `PHASES` have, is a matter of each record; ``"either"`` takes one
         parameter at a time, for they do the same; ``"elsewhere"`` decides at the controller or in
         time, not by simulation.
     everywhere : bool
@@ -175,7 +180,7 @@ class Term:
     def phases(self) -> tuple[str, ...]:
         """Full names of what has the phase of a line over position; none if it is no line."""
         pairs = zip(self.names, self.parameters, strict=True)
-        return tuple(name for name, p in pairs if self.search == "lines" and p.linear)
+        return tuple(n for n, p in pairs if self.search == "lines" and p.name in PHASES)
 
     @cached_property
     def period(self) -> str:

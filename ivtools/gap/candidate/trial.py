@@ -154,7 +154,7 @@ class Trial:
     def unlike(self) -> float:
         """Share of its gain that no smooth law of the state could have, 0 to 1."""
         if self.term.search == "lines":
-            period = max(f.values[f"{self.name}.{self.term.period}"] for f in self.fits)
+            period = max(self._periods(self.fits))
             return float(np.clip(a_line(self.before, self.held, period), 0.0, 1.0))
         return float(np.clip(unlike_smooth(self.before, self.held), 0.0, 1.0))
 
@@ -168,13 +168,15 @@ class Trial:
         """
         if self.term.search != "lines":
             return True
-        waves = other_waves(
-            self.before, [f.values[f"{self.name}.{self.term.period}"] for f in self.held]
-        )
+        waves = other_waves(self.before, self._periods(self.held))
         if not all(block_t(self._over(w)) > OTHER_WAVE_T for w in waves):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
         return self.unlike > UNLIKE_SMOOTH * (1.0 + rest) or rest < EXACT
+
+    def _periods(self, fits: Sequence[Fit]) -> list[float]:
+        """Return the period of a line over position in each fit, m or rad."""
+        return [f.values[f"{self.name}.{self.term.period}"] for f in fits]
 
     def _over(self, errors: Sequence[Array]) -> Array:
         """Return by how much it does better than what leaves these errors, by block."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...display import Displayed
 from ...files import write
-from ...physics import EFFECTS
+from ...physics import EFFECTS, PHASES
 from ...tables import Text, csv, table
 from ...units import prefixed
 from .entry import FAILED, Entry
@@ -132,9 +132,8 @@ class Fleet(Displayed):
         for entry in self.done:
             assert entry.content is not None
             for effect, values in entry.content["parameters"].items():
-                phases = EFFECTS[effect].phases if effect in EFFECTS else ()
                 for parameter, value in values.items():
-                    if f"{effect}.{parameter}" not in phases and value != 0.0:
+                    if parameter not in PHASES and value != 0.0:
                         found.setdefault(effect, {}).setdefault(parameter, []).append(value)
         return found
 
