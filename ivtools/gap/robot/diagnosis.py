@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...display import Displayed
@@ -79,23 +80,30 @@ class RobotDiagnosis(Displayed):
 
     def summary(self) -> Text:
         """Return joints, verdicts, effects and errors as a table."""
-        header = ("joint", "verdict", "effects", "unit", "by itself", "of force", "coupled")
+        header = ("joint", "verdict", "effects", "unit", "by itself", "coupled")
         rows = []
         for name, d in self.joints.items():
             s = d.shrink
             own = "" if s is None else f"{s.before:.3g} -> {s.after:.3g}"
             whole = " -> ".join(f"{x[name]:.3g}" for x in self.coupled)
             unit = "" if s is None else s.unit
-            share = "" if s is None else f"{s.of_force(s.before):.2g} %"
-            share = "negligible" if d.negligible else share
-            rows.append((name, d.verdict, ", ".join(d.effects), unit, own, share, whole))
+            rows.append((name, d.verdict, ", ".join(d.effects), unit, own, whole))
         lines = [
             "force error, rms, before -> after: of each joint by itself, and coupled, of one",
             "simulation of all",
+            *wrap(f"before, by itself, of the force: {', '.join(self._shares())}", 78),
         ]
         told = [f"{name}: {text}" for name, d in self.joints.items() for text in _said(d)]
         title = f"Diagnosis of {self.robot} on {self.name}"
         return table(title, lines, header, rows, [*self.notes, *told], left=4)
+
+    def _shares(self) -> list[str]:
+        """Return how much of its force each joint's error is, and whether that is negligible."""
+        judged = [(name, d, d.shrink) for name, d in self.joints.items() if d.shrink is not None]
+        return [
+            f"{name} {s.of_force(s.before):.2g} %{' (negligible)' * d.negligible}"
+            for name, d, s in judged
+        ]
 
     def fleet(self) -> Fleet:
         """Return the joints as the entries of a fleet."""
