@@ -61,7 +61,7 @@ def threads():
 
 def test_the_joint_and_its_effect_are_named(found):
     assert found.effects == {"elbow": ("stribeck",)}
-    assert len(found.plot().axes) == 2 and "of the force: " in str(found.summary())
+    assert len(found.plot().axes) == 2 and "of the force, floor included: " in str(found.summary())
     assert max(map(len, str(found.summary()).splitlines())) <= 80
     assert found["elbow"].parameters["stribeck"]["force"] == pytest.approx(0.15, rel=0.1)
     assert found.coupled.after["elbow"] < found.coupled.before["elbow"]
