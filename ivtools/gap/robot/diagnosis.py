@@ -91,7 +91,9 @@ class RobotDiagnosis(Displayed):
         lines = [
             "force error, rms, before -> after: of each joint by itself, and coupled, of one",
             "simulation of all",
-            *wrap(f"before, by itself, of the force, floor included: {', '.join(self._shares())}", 78),
+            *wrap(
+                f"before, by itself, of the force, floor included: {', '.join(self._shares())}", 78
+            ),
         ]
         told = [f"{name}: {text}" for name, d in self.joints.items() for text in _said(d)]
         title = f"Diagnosis of {self.robot} on {self.name}"
