@@ -43,8 +43,9 @@ def test_a_small_drift_is_named_beside_strong_cogging(lines_and_drift):
     assert lines_and_drift.verdict == "explained"
     assert set(lines_and_drift.effects) == {"cogging", "friction-drift"}
     assert lines_and_drift.parameters["cogging"]["period"] == pytest.approx(0.004, rel=5e-3)
-    rate = lines_and_drift.parameters["friction-drift"]["coulomb_rate"]
-    assert rate == pytest.approx(0.06, rel=0.15)
+    drift = lines_and_drift.parameters["friction-drift"]
+    change = (drift["coulomb_rate"] + drift["coulomb_curvature"] * SECONDS) * SECONDS
+    assert change == pytest.approx(0.06 * SECONDS, rel=0.15)
 
 
 def test_every_name_comes_with_a_probability(lines_and_drift):

@@ -239,15 +239,23 @@ def test_a_name_falls_where_a_force_without_one_explains_more():
     assert _outdone((left(9.0, few),), (left(6.0, few),), *gone, rules)  # most of it
 
 
-@pytest.mark.parametrize(("effect", "names"), [("friction-drift", 0), ("cogging", 1)])
-def test_an_effect_of_time_falls_where_friction_that_remembers_use_does_better(
-    effect, names, monkeypatch
+@pytest.mark.parametrize(
+    ("effect", "most", "names"),
+    [("friction-drift", "q", 0), ("cogging", "q", 1), ("cogging", "heat", 0)],
+)
+def test_an_effect_of_time_or_use_falls_where_friction_that_remembers_use_does_better(
+    effect, most, names, monkeypatch
 ):
     base, held = (left(3.0),), (left(0.9),)
-    heat, both = spline(0.3, ("heat",)), spline(0.2)
-    monkeypatch.setattr(selection, "fitted", lambda fits, laws: heat if fits is base else both)
+    law, both = spline(0.6, (most,)), spline(0.2)
+    monkeypatch.setattr(selection, "fitted", lambda fits, laws: law if fits is base else both)
+    monkeypatch.setattr(selection.Laws, "of", lambda fits: "laws")
+    monkeypatch.setattr(selection, "of_use", lambda fits, laws: law)
     trial = SimpleNamespace(term=EFFECTS[effect], unlike=0.9)  # no law of the state could have it
-    assert selection._names_kept([base, held], None, [(trial,)], Rules()) == names
+    assert selection._names_kept([base, held], "laws", [(trial,)], Rules()) == names
+    timed = trial.term.of_time  # with nothing left there is no law to see it by
+    found = selection._names_kept([base, held], None, [(trial,)], Rules())
+    assert found == (0 if timed else 1)
 
 
 def test_forces_that_remember_have_one_unit_on_every_fold():

@@ -416,6 +416,9 @@ RINGING, RINGING_DAMPING = (0.5, 0.9, 1.6, 3.0, 5.5, 10.0), 0.1
 SWINGING = 0.3
 #: Seconds in which friction cools down again (physics: of a contact, an oil film, a housing).
 COOLING = (1.0, 3.0, 10.0, 30.0)
+#: Mean speed of late, of the largest, after which friction has done most of its falling (physics:
+#: of an oil film; judgement).
+WARM = 0.2
 #: Penalties that are tried, relative to the size of the columns (training), and the weight of the
 #: size of a coefficient beside its roughness: what one fold has not seen is nothing (numerics).
 PENALTIES = (1e-6, 1e-4, 1e-2, 1.0, 100.0)

@@ -171,10 +171,15 @@ LOAD_FRICTION = Term(
 FRICTION_DRIFT = Term(
     "friction-drift",
     "mechanics",
-    (Parameter("coulomb_rate", "{F}/s"), Parameter("viscous_rate", "{F}/{L}")),
-    "a t sign(dq) + b t dq",
+    (
+        Parameter("coulomb_rate", "{F}/s"),
+        Parameter("coulomb_curvature", "{F}/s2"),
+        Parameter("viscous_rate", "{F}/{L}"),
+        Parameter("viscous_curvature", "{F}/({L} s)"),
+    ),
+    "(a t + c t^2) sign(dq) + (b t + d t^2) dq",
     "Bittencourt, Gunnarsson, ASME J. Dynamic Systems, Measurement and Control 134(5), 2012",
-    law=lambda q, dq, ddq, sign, tau, t, a, b: t * (a * sign + b * dq),
+    law=lambda q, dq, ddq, sign, tau, t, a, c, b, d: t * ((a + c * t) * sign + (b + d * t) * dq),
 )
 
 PRESLIDING = Term(

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from ...loop import ClosedLoop
 from ...physics import Term
 from ...workers import threaded
 from ..candidate import Trial, frozen
-from ..discrepancy import Laws, Spline, advantage, beside, fitted, least_t
+from ..discrepancy import Laws, Spline, advantage, fitted, least_t, nothing, of_use
 from ..fit import Fit, common, gauss_newton, of_effect, steps
 from ..fold import Side
 from ..library import library
@@ -210,11 +211,11 @@ def attribute(
         sides = tuple(replace(s.common, places={**s.places, **known}) for s in sides)
         return attribute(sides, common(base), rules, extra, without)
     ends = [group[-1] for group in groups]
+    models = [common(fits) for fits in (base, *(t.held for t in ends))] if ends else []
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
-    models = [common(fits) for fits in (base, *(t.held for t in ends))] if left else []
-    laws = next(filter(None, map(Laws.of, models[::-1])), None)
+    laws = next(filter(None, map(Laws.of, models[::-1])), None) if left else None
     seen = bool(groups) and groups[0][0].name == rounds[0].measured
-    count = len(groups) if laws is None else _names_kept(models, laws, groups, rules, int(seen))
+    count = _names_kept(models, laws, groups, rules, int(seen))
     fits, held = (ends[count - 1].fits, ends[count - 1].held) if count else (base, base)
     names = [t.name for group in groups[:count] for t in group]
     kept, fits, held = _backward(sides, base, fits, held, names)
@@ -319,7 +320,7 @@ def _pair(
 
 def _names_kept(
     models: Sequence[tuple[Fit, ...]],
-    laws: Laws,
+    laws: Laws | None,
     groups: Sequence[Sequence[Trial]],
     rules: Rules,
     least: int = 0,
@@ -331,13 +332,15 @@ def _names_kept(
     well as the best, within a standard error, the one with most names is taken that the force
     without a name does not outdo by itself. The first stays if a further sensor in the law has
     measured it, for that is no guess: `least` is 1 then. What changes with use changes with time as
-    well: where friction that warms up does better than an effect of time, that has no name.
+    well: an effect of time has no name unless it does better than friction that warms up, nor has
+    one of what such friction describes best.
 
     Parameters
     ----------
     models : sequence of tuple of Fit
         Without names, with the first one, and so on.
-    laws : Laws
+    laws : Laws, optional
+        Where nothing is left, there is no such force.
     groups : sequence of sequence of Trial
         What gets each name, or two at once. One that has what no smooth law could have is not
         outdone by such a law.
@@ -347,9 +350,11 @@ def _names_kept(
     L. Breiman, J. H. Friedman, R. A. Olshen, C. J. Stone, "Classification and Regression Trees",
     1984, section 3.4.3: the one-standard-error rule.
     """
-    left = threaded(lambda fits: fitted(fits, laws), models)
+    left = [] if laws is None else threaded(lambda fits: fitted(fits, laws), models)
     own = [any(t.unlike > UNLIKE_SMOOTH for t in group) for group in groups]
-    timed = [any(t.term.of_time for t in group) for group in groups]
+    used = [any(t.term.of_time for t in group) for group in groups]
+    used = [u or law.of_use for u, law in zip(used, left or map(nothing, models), strict=False)]
+    told = [not u or _not_use(*pair) for u, pair in zip(used, pairwise(models), strict=True)]
 
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""
@@ -359,10 +364,11 @@ def _names_kept(
 
     def holds(k: int) -> bool:
         """Whether so many names do."""
-        if any(better(other, left[k]) for other in left[least:k]):
+        if not all(told[:k]):
             return False
-        used = zip(timed[:k], left, strict=False)
-        if any(t and s.of_use and _short(models[0], models[k], s, rules) for t, s in used):
+        if not left:
+            return True
+        if any(better(other, left[k]) for other in left[least:k]):
             return False
         smooth = least == 0 and not any(own[:k])
         return not smooth or not _outdone(models[0], models[k], left[0], left[k], rules)
@@ -370,13 +376,26 @@ def _names_kept(
     return next((k for k in range(len(models) - 1, least, -1) if holds(k)), least)
 
 
+def _not_use(before: tuple[Fit, ...], after: tuple[Fit, ...]) -> bool:
+    """Whether effects do better than friction that warms up, by a standard error.
+
+    Parameters
+    ----------
+    before, after : tuple of Fit
+        Without and with them, on each fold.
+    """
+    laws = Laws.of(before)
+    return laws is None or (
+        advantage(before, of_use(before, laws), nothing(after)) >= STANDARD_ERRORS
+    )
+
+
 def _short(base: tuple[Fit, ...], held: tuple[Fit, ...], law: Spline, rules: Rules) -> bool:
     """Whether names remove less than a force without a name, by more than equals differ.
 
     One law alone leaves names less room than several, which may describe anything.
     """
-    alone = len(law.over) == 1 or law.of_use
-    margin = rules.equivalence_law if alone else rules.equivalence_open
+    margin = rules.equivalence_law if len(law.over) == 1 else rules.equivalence_open
     return cost(held) - law.cost > margin * (cost(base) - law.cost)
 
 
@@ -395,10 +414,9 @@ def _outdone(
         Of what either leaves.
     """
     saved = cost(held) - plain.cost
-    alone = Spline((), 0.0, tuple(beside(h, h.e[:, None])[:, 0] for h in held))
     return (
         _short(base, held, plain, rules)
-        and advantage(base, alone, plain) > least_t(saved / cost(held))
+        and advantage(base, nothing(held), plain) > least_t(saved / cost(held))
         and advantage(base, plain, both) < DISCREPANCY_T
     )
 

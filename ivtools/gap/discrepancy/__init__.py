@@ -4,7 +4,17 @@ smooth         forces that any axis may have, as hat functions of its state and 
 discrepancy    the one that predicts held-out data best, described instead of named
 """
 
-from .discrepancy import Discrepancy, Laws, Spline, advantage, describe, fitted, least_t
+from .discrepancy import (
+    Discrepancy,
+    Laws,
+    Spline,
+    advantage,
+    describe,
+    fitted,
+    least_t,
+    nothing,
+    of_use,
+)
 from .smooth import Basis, Columns, a_line, beside, other_waves, smooth_rest, unlike_smooth
 
 __all__ = [
@@ -19,6 +29,8 @@ __all__ = [
     "describe",
     "fitted",
     "least_t",
+    "nothing",
+    "of_use",
     "other_waves",
     "smooth_rest",
     "unlike_smooth",

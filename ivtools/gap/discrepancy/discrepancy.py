@@ -218,6 +218,25 @@ class Spline:
         return float(np.mean([np.mean(e**2) for e in self.left]))
 
 
+def nothing(fits: Sequence[Fit]) -> Spline:
+    """Return no force at all: what two fits leave is left."""
+    return Spline((), 0.0, tuple(beside(f, f.e[:, None])[:, 0] for f in fits))
+
+
+def of_use(fits: Sequence[Fit], laws: Laws) -> Spline:
+    """Return the friction that remembers how much the axis moved and predicts the other fold best.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        One on each fold.
+    laws : Laws
+        What it is made of.
+    """
+    search = _Search(fits, laws)
+    return search.spline(search.over(*[(n,) for n in OF_USE], OF_USE))
+
+
 def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
     """Return the spline that predicts the other fold best.
 
@@ -237,9 +256,7 @@ def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
     now = _Step(0.0, (), [np.zeros(len(f.e)) for f in fits])
     while then := next((s for s in search.ahead(now) if _tells(fits, search.rests, now, s)), None):
         now = then
-    left = tuple(e + a for e, a in zip(search.rests, now.answers, strict=True))
-    found = Spline(now.over, now.gain, left, lambda: search.force(now))
-    return laws.splines.setdefault(tuple(fits), found)
+    return laws.splines.setdefault(tuple(fits), search.spline(now))
 
 
 def _tells(fits: Sequence[Fit], rests: Sequence[Array], now: _Step, then: _Step) -> bool:
@@ -334,6 +351,15 @@ class _Step(NamedTuple):
     penalty: float = 0.0
 
 
+class _Tried(NamedTuple):
+    """Coefficients of a spline on each fold, and the share of energy it removes on the other."""
+
+    gain: float
+    over: tuple[str, ...]
+    penalty: float
+    betas: list[Array]
+
+
 class _Search:
     """Normal equations and penalties of every column, of which steps take some.
 
@@ -360,17 +386,20 @@ class _Search:
 
     def ahead(self, now: _Step) -> Iterator[_Step]:
         """Yield the splines over one more signal that gain something, the best one first."""
-        more = [(*now.over, n) for n in self.place if n not in now.over]
-        tried = [
-            max((self._gain(names, p) for p in PENALTIES), key=lambda x: x[0]) for names in more
-        ]
-        for gain, names, penalty, betas in sorted(tried, key=lambda x: -x[0]):
-            if gain <= now.gain:
+        tried = [self._best((*now.over, n)) for n in self.place if n not in now.over]
+        for found in sorted(tried, key=lambda x: -x.gain):
+            if found.gain <= now.gain:
                 return
-            full = np.zeros((2, len(self.sides[0])))
-            full[:, self._rows(names)] = betas[::-1]
-            answers = [c.times(b) for c, b in zip(self.seen, full, strict=True)]
-            yield _Step(gain, names, answers, penalty)
+            yield self._step(found)
+
+    def over(self, *several: tuple[str, ...]) -> _Step:
+        """Return the best of splines over these signals."""
+        return self._step(max(map(self._best, several), key=lambda x: x.gain))
+
+    def spline(self, step: _Step) -> Spline:
+        """Return what a step leaves."""
+        left = tuple(e + a for e, a in zip(self.rests, step.answers, strict=True))
+        return Spline(step.over, step.gain, left, lambda: self.force(step))
 
     def force(self, step: _Step) -> tuple[Array, ...]:
         """Return what fits both folds at once, on each, N or N m, (n_samples,)."""
@@ -386,10 +415,19 @@ class _Search:
             for shared, own in self.forces
         )
 
-    def _gain(
-        self, over: tuple[str, ...], penalty: float
-    ) -> tuple[float, tuple[str, ...], float, list[Array]]:
-        """Return the share of the energy that each fold's spline removes on the other one."""
+    def _best(self, over: tuple[str, ...]) -> _Tried:
+        """Return the spline over some signals whose penalty predicts the other fold best."""
+        return max((self._tried(over, p) for p in PENALTIES), key=lambda x: x.gain)
+
+    def _step(self, tried: _Tried) -> _Step:
+        """Return what a spline of either fold does on the other one."""
+        full = np.zeros((2, len(self.sides[0])))
+        full[:, self._rows(tried.over)] = tried.betas[::-1]
+        answers = [c.times(b) for c, b in zip(self.seen, full, strict=True)]
+        return _Step(tried.gain, tried.over, answers, tried.penalty)
+
+    def _tried(self, over: tuple[str, ...], penalty: float) -> _Tried:
+        """Return the splines of both folds over some signals."""
         rows, R = self._rows(over), self._penalty(over, penalty)
         A = [a[np.ix_(rows, rows)] for a in self.squares]
         b = [x[rows] for x in self.sides]
@@ -398,7 +436,7 @@ class _Search:
             -float(2.0 * x @ other + other @ a @ other)
             for a, x, other in zip(A, b, betas[::-1], strict=True)
         ]
-        return sum(saved) / self.energy, over, penalty, betas
+        return _Tried(sum(saved) / self.energy, over, penalty, betas)
 
     def _rows(self, over: Sequence[str]) -> NDArray[np.int_]:
         return np.concatenate([self.place[n] for n in over])

@@ -34,6 +34,7 @@ from ..rules import (
     RINGING_DAMPING,
     SPEED_KNOTS,
     TO_ZERO,
+    WARM,
 )
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ Array = NDArray[np.float64]
 #: does that hangs from the axis.
 OVER = ("q", "dq", "load", "drive", "state", "gain", "past", "heat", "warm", "wave", "swing")
 #: Those of friction that remembers how much the axis moved.
-OF_USE = {"heat", "warm"}
+OF_USE = ("heat", "warm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +119,7 @@ class Basis:
         load = tau / max(float(self.knots["load"][-1]), 1e-300)
         found["gain"] = np.hstack([where, fast]) * load[:, None]
         found["past"] = _past(self._speed(run), dt)
-        found["heat"] = self.heat(run, np.zeros(len(COOLING)))
+        found["heat"] = np.hstack([self.heat(run, np.zeros(len(COOLING))), self.worn(run)])
         return found
 
     def heat(self, run: Simulation, start: Array) -> Array:
@@ -130,10 +131,18 @@ class Basis:
         start : ndarray, (n_times,)
             How warm it was before, per time of `COOLING`: 1 is after the largest speed for long.
         """
-        v, dt = self._speed(run), float(run.t[1] - run.t[0])
-        pairs = zip(COOLING, start, strict=True)
-        warm = [_leaky(np.abs(v), seconds, dt, before) for seconds, before in pairs]
-        return as_columns(w * x for w in warm for x in (np.sign(v), v))
+        v = self._speed(run)
+        return as_columns(w * x for w in self._use(run, start) for x in (np.sign(v), v))
+
+    def worn(self, run: Simulation) -> Array:
+        """Return the same of friction that stops falling once the axis is warm, (n_samples, m)."""
+        v, use = self._speed(run), self._use(run, np.zeros(len(COOLING)))
+        return as_columns(np.exp(-w / WARM) * x for w in use for x in (np.sign(v), v))
+
+    def _use(self, run: Simulation, start: Array) -> list[Array]:
+        """Return how much the axis moved of late, per time of `COOLING`, (n_samples,)."""
+        v, dt = np.abs(self._speed(run)), float(run.t[1] - run.t[0])
+        return [_leaky(v, seconds, dt, x) for seconds, x in zip(COOLING, start, strict=True)]
 
     def _speed(self, run: Simulation) -> Array:
         """Return the velocity, of the largest speed, (n_samples,)."""
