@@ -39,7 +39,7 @@ HILLS = Term("hills", "mechanics", (Parameter("size", "{F}"),), "bumps", "a test
 
 
 def test_names_must_lower_the_error_by_enough_to_be_worth_a_word():
-    shrink = Shrink("N", 1.0, 0.9997, 1.0, (0.9, 1.1), 0.99, False, 1.0, 20.0, {})
+    shrink = Shrink("N", 1.0, 0.9997, 1.0, (0.9, 1.1), 0.99, False, 1.0, (0.9, 1.1), 20.0, {})
     assert not lowers(shrink, simulated=True, removed=0.02)
     assert lowers(shrink, simulated=False, removed=0.02)
     assert lowers(shrink, simulated=True, removed=0.1)  # stands out of fast noise
@@ -71,6 +71,7 @@ def test_a_third_record_judges_with_clean_figures(judged):
     assert third["before"] > 1.2 * third["after"]
     assert third["interval"][0] < third["after"] < third["interval"][1]
     assert third["after_frozen"] == pytest.approx(third["after"], rel=0.1)
+    assert third["interval_frozen"][0] < third["after_frozen"] < third["interval_frozen"][1]
     assert shrink["after_frozen"] == pytest.approx(shrink["after"], rel=0.1)
     assert "took part in nothing" in judged.summary()
 

@@ -140,6 +140,9 @@ def test_the_true_figure_of_the_true_model_is_the_floor():
     found = truth.measure(case, gap, from_tables(case.axis.tables()), 2)
     assert not gap.effects
     assert found.after == pytest.approx(found.floor, rel=0.05)
+    low, high = gap.to_dict()["shrink"]["interval_frozen"]
+    assert low < found.after_frozen < high
+    assert found.after < found.after_frozen == pytest.approx(gap.shrink.after_frozen, rel=0.05)
 
 
 ANSWERS = [

@@ -26,10 +26,18 @@ def wilson(good: int, n: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def coverage(table: pd.DataFrame) -> pd.Series:
-    """Return, per case with a true figure, whether the stated interval of `after` holds it."""
-    known = table.dropna(subset=["true_after", "low", "high"])
-    return (known["low"] <= known["true_after"]) & (known["true_after"] <= known["high"])
+def coverage(table: pd.DataFrame, which: str = "") -> pd.Series:
+    """Return, per case with a true figure, whether the stated interval holds it.
+
+    Parameters
+    ----------
+    table : DataFrame
+    which : {"", "_frozen"}
+        The interval of `after`, or of `after_frozen`.
+    """
+    names = [f"true_after{which}", f"low{which}", f"high{which}"]
+    true, low, high = (table.dropna(subset=names)[n] for n in names)
+    return (low <= true) & (true <= high)
 
 
 def stated(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:

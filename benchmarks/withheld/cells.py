@@ -13,6 +13,7 @@ from .scores import score
 from .suites import SUITES
 
 _LABEL = ("reference", "inertia", "background")
+_TRUE = ("before", "after", "after_frozen", "spread", "floor", "closed")
 _SHRINK = ("unit", "before", "after", "floor", "closed", "after_frozen")
 
 
@@ -34,7 +35,8 @@ def cell(row: Mapping[str, Any]) -> dict[str, Any]:
     label, found = row.get("label", {}), row.get("found", {})
     truth, gap = row.get("truth") or {}, found.get("whitened", {})
     shrink = found.get("shrink") or {}
-    low, high = shrink.get("interval", (None, None))
+    none = (None, None)
+    (low, high), frozen = shrink.get("interval", none), shrink.get("interval_frozen", none)
     return {
         "suite": row["suite"],
         "seed": row["seed"],
@@ -54,7 +56,9 @@ def cell(row: Mapping[str, Any]) -> dict[str, Any]:
         **{k: shrink.get(k) for k in _SHRINK},
         "low": low,
         "high": high,
-        **{f"true_{k}": truth.get(k) for k in ("before", "after", "spread", "floor", "closed")},
+        "low_frozen": frozen[0],
+        "high_frozen": frozen[1],
+        **{f"true_{k}": truth.get(k) for k in _TRUE},
         "cpu": row.get("time", {}).get("cpu"),
         "wall": row.get("time", {}).get("wall"),
     }

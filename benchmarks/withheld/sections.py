@@ -112,17 +112,19 @@ def closing(table: pd.DataFrame) -> str:
     rows = []
     right = table[table["score"].isin(("right", "ambiguous")) & (table["named"] != "")]
     for name, group in [*right.groupby("suite", sort=False), ("all", right)]:
-        inside = coverage(group)
-        if not len(inside):
+        if not len(coverage(group)):
             continue
         true, said = group["true_closed"].median(), group["closed"].median()
-        held = f"{_rate(int(inside.sum()), len(inside))} of {len(inside)}"
-        rows.append((name, len(group), f"{true:.3f}", f"{said:.3f}", held))
-    everything = coverage(table)
-    held = f"{_rate(int(everything.sum()), len(everything))} of {len(everything)}"
-    rows.append(("whatever the answer", len(table), "", "", held))
-    header = ("suite", "right", "true closed, median", "stated", "interval holds the true figure")
-    return grid(header, rows)
+        rows.append((name, len(group), f"{true:.3f}", f"{said:.3f}", *_held(group)))
+    rows.append(("whatever the answer", len(table), "", "", *_held(table)))
+    holds = ("interval holds the true figure", "the same of the frozen one")
+    return grid(("suite", "right", "true closed, median", "stated", *holds), rows)
+
+
+def _held(table: pd.DataFrame) -> list[str]:
+    """Return how often the intervals hold the true figures, tuned again and frozen."""
+    inside = [coverage(table, which) for which in ("", "_frozen")]
+    return [f"{_rate(int(x.sum()), len(x))} of {len(x)}" if len(x) else "" for x in inside]
 
 
 def probabilities(found: Reliability | None) -> str:

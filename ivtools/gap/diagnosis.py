@@ -21,7 +21,7 @@ from .floor import Floor
 from .locate import Region
 from .parity import Parity
 from .preflight import Finding
-from .quantify import Shrink, Traces
+from .quantify import Shrink, Traces, within
 from .rules import CORRECTED, NOTHING_ALONE, TOLERANCE
 from .verdict import VERDICTS, Ranked, Replica, Setting
 
@@ -252,16 +252,16 @@ class Diagnosis(Displayed):
         if s is None:
             return []
         lines = _wrapped(
-            f"force error: {s.before:.3g} -> {s.after:.3g} {s.unit} "
-            f"[{s.interval[0]:.3g}, {s.interval[1]:.3g}]; floor, what does not come again: "
+            f"force error: {s.before:.3g} -> {within(s.after, s.unit, s.interval)}; "
+            "floor, what does not come again: "
             f"{s.floor:.3g}; closed {100 * s.closed:.0f} % of what is above it",
             "  ",
         )
         if s.corrected < CORRECTED * s.before:
             lines.append(f"  of which the controller, put right: {s.corrected:.3g} {s.unit}")
         if s.held_out and self.effects:
-            text = f"  with the other record's base parameters: {s.after_frozen:.3g} {s.unit}"
-            lines.append(text)
+            frozen = within(s.after_frozen, s.unit, s.interval_frozen)
+            lines.append(f"  with the other record's base parameters: {frozen}")
         if s.judged is not None:
             lines += _wrapped(s.judged.said(s.unit), "  ")
         return lines

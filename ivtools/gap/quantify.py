@@ -21,6 +21,16 @@ from .rules import ADEQUATE_NAMED, ALL_LEFT, CONFIDENCE, LEAST_BLOCKS, RETUNED
 Array = NDArray[np.float64]
 
 
+def within(error: float, unit: str, interval: tuple[float, float]) -> str:
+    """Return an error and its interval, for people.
+
+    >>> within(1.234, "N", (1.1, 1.4))
+    '1.23 N [1.1, 1.4]'
+    """
+    low, high = interval
+    return f"{error:.3g} {unit} [{low:.3g}, {high:.3g}]"
+
+
 @dataclass(frozen=True)
 class Judged:
     """Force errors, N or N m rms, on a record that took part in nothing.
@@ -30,8 +40,8 @@ class Judged:
     record : str
     before, after, after_frozen : float
         As in `Shrink`.
-    interval : tuple of float
-        95 % interval of `after`, by blocks.
+    interval, interval_frozen : tuple of float
+        95 % intervals of `after` and `after_frozen`, by blocks.
     """
 
     record: str
@@ -39,14 +49,14 @@ class Judged:
     after: float
     after_frozen: float
     interval: tuple[float, float]
+    interval_frozen: tuple[float, float]
 
     def said(self, unit: str) -> str:
         """Return the errors, N or N m, as a sentence."""
-        low, high = self.interval
         return (
-            f"on {self.record}, which took part in nothing: {self.before:.3g} -> {self.after:.3g} "
-            f"{unit} [{low:.3g}, {high:.3g}]; with the other record's base parameters: "
-            f"{self.after_frozen:.3g} {unit}"
+            f"on {self.record}, which took part in nothing: {self.before:.3g} -> "
+            f"{within(self.after, unit, self.interval)}; with the other record's base parameters: "
+            f"{within(self.after_frozen, unit, self.interval_frozen)}"
         )
 
 
@@ -71,6 +81,8 @@ class Shrink:
     after_frozen : float
         As `after`, but the base parameters are those of the other record: the model as it would
         be handed over. `after` tunes them again, which judges the structure alone.
+    interval_frozen : tuple of float
+        95 % interval of `after_frozen`, by blocks.
     force : float
         Measured force, rms.
     signals : mapping
@@ -87,6 +99,7 @@ class Shrink:
     floor: float
     held_out: bool
     after_frozen: float
+    interval_frozen: tuple[float, float]
     force: float
     signals: dict[str, tuple[float, float]]
     judged: Judged | None = None
@@ -128,6 +141,7 @@ class Shrink:
             "closed": self.closed,
             "held_out": self.held_out,
             "after_frozen": self.after_frozen,
+            "interval_frozen": list(self.interval_frozen),
             "signals": {n: {"before": b, "after": a} for n, (b, a) in self.signals.items()},
             "judged": None if self.judged is None else asdict(self.judged),
         }
@@ -201,9 +215,14 @@ def judge(loop: ClosedLoop, third: Measured, result: Attribution) -> Judged:
     step = steps(third.fold, model, third.side.scales)
     after = gauss_newton(third.fold, model, start, free, step)
     still = replace(after, values=_handed_over(fit, after))
-    e = after.force_error
+    e, kept = after.force_error, still.force_error
     return Judged(
-        third.fold.record.name, plain.force_rms, _rms(e), still.force_rms, _interval(e, third.fold)
+        third.fold.record.name,
+        plain.force_rms,
+        _rms(e),
+        _rms(kept),
+        _interval(e, third.fold),
+        _interval(kept, third.fold),
     )
 
 
@@ -246,6 +265,7 @@ def quantify(
         floor=min(floor, _rms(e1), _rms(e0)),
         held_out=held_out,
         after_frozen=_rms(e2),
+        interval_frozen=_interval(e2, fold),
         force=_rms(after.loop.force(fold.record)[fold.keep, 0]),
         signals=_signals(before, after),
     )
