@@ -11,7 +11,7 @@ import pandas as pd
 from scipy import stats
 
 #: Suites whose stated probabilities are judged; with the truth outside the library none is right.
-JUDGED = ("single", "none", "two", "background", "clear", "bursts", "small")
+JUDGED = ("single", "none", "two", "background", "clear", "bursts", "small", "unknown")
 
 
 def wilson(good: int, n: int) -> tuple[float, float]:

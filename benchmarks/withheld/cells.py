@@ -46,6 +46,7 @@ def cell(row: Mapping[str, Any]) -> dict[str, Any]:
         "not_told_from": _others(found.get("ambiguous_with", {})),
         "score": row["score"],
         "verdict": found.get("verdict"),
+        "described": found.get("discrepancy") is not None,
         **{k: label.get(k) for k in _LABEL},
         "signature": _least(label.get("signature")),
         "over_background": _least(label.get("over_background")),

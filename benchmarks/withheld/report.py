@@ -37,6 +37,7 @@ def summary(
         ("Suites", sections.suites(table) + "\n\n![](scores.png)"),
         ("Single effects", sections.effects(table) + "\n\n![](confusion.png)"),
         ("Real backgrounds", sections.backgrounds(table) + "\n\n![](backgrounds.png)"),
+        ("Forces without a name", sections.nameless(table)),
         ("Small effects", sections.levels(table) + "\n\n![](power.png)"),
         ("How far the gap closes", sections.closing(table) + "\n\n![](intervals.png)"),
         ("Stated probabilities", sections.probabilities(found) + "\n\n![](reliability.png)"),

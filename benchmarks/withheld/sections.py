@@ -12,7 +12,7 @@ from .effects import EFFECTS
 from .scores import GOOD, SPURIOUS
 from .suites import REAL
 
-#: Aims, as shares: of good answers per suite, and most spurious names.
+#: Aims, as shares: of good answers per suite, and most spurious names; other suites have none.
 AIMS = {
     "single": (0.99, 0.02),
     "two": (0.95, 0.02),
@@ -22,6 +22,7 @@ AIMS = {
     "background": (0.85, 0.02),
     "background, nothing hidden": (1.0, 0.0),
     "clear": (0.95, 0.02),
+    "unknown, nothing hidden": (0.97, 0.03),
 }
 _AIM_OF = {"flexibility": 0.90, "backlash": 0.80}
 _VISIBLE = (0.0, 0.1, 0.15, 0.2, 0.3, 0.5, np.inf)
@@ -44,8 +45,8 @@ def _rate(good: int, n: int) -> str:
 
 
 def named(table: pd.DataFrame) -> pd.Series:
-    """Return the suite of each case, those of a background without an effect apart."""
-    calm = (table["suite"] == "background") & (table["truth"] == "")
+    """Return the suite of each case, those of a force without an effect in it apart."""
+    calm = table["suite"].isin(("background", "unknown")) & (table["truth"] == "")
     return table["suite"] + np.where(calm, ", nothing hidden", "")
 
 
@@ -57,10 +58,12 @@ def suites(table: pd.DataFrame) -> str:
             continue
         good = group["score"].isin(GOOD[str(name).partition(",")[0]])
         bad, n = group["score"].isin(SPURIOUS), len(group)
-        aim, most = AIMS[str(name)]
-        verdict = "yes" if good.mean() >= aim and bad.mean() <= most else "**no**"
+        aims = verdict = ""
+        if str(name) in AIMS:
+            aim, most = AIMS[str(name)]
+            verdict = "yes" if good.mean() >= aim and bad.mean() <= most else "**no**"
+            aims = f">= {percent(aim)}, <= {percent(most)}"
         counts = ", ".join(f"{v} {k}" for k, v in group["score"].value_counts().items())
-        aims = f">= {percent(aim)}, <= {percent(most)}"
         shown = _rate(int(good.sum()), n), _rate(int(bad.sum()), n)
         rows.append((name, n, *shown, aims, verdict, counts))
     header = ("suite", "cases", "good", "spurious names", "aim", "met", "scores")
@@ -105,6 +108,21 @@ def _background(group: pd.DataFrame) -> tuple[object, ...]:
     good, silent = score.isin(GOOD["background"]).sum(), (score == "abstained").sum()
     bad = score.isin(SPURIOUS).sum()
     return len(some), good, silent, bad, len(calm), int((calm["named"] != "").sum())
+
+
+def nameless(table: pd.DataFrame) -> str:
+    """Return what was said of forces that no effect of the library is, by their kind."""
+    part = table[table["suite"] == "unknown"]
+    some, calm = part[part["truth"] != ""], part[part["truth"] == ""]
+    rows = []
+    for kind, group in [*calm.groupby("detail"), ("all", calm)]:
+        beside = some if kind == "all" else some[some["detail"] == kind]
+        right = beside["score"].isin(GOOD["unknown"]).sum()
+        named, described = (group["named"] != "").sum(), group["described"].sum()
+        bad = beside["score"].isin(SPURIOUS).sum()
+        rows.append((kind, len(group), described, named, len(beside), right, bad))
+    header = ("force", "alone", "described", "named", "with an effect", "right", "spurious")
+    return grid(header, rows)
 
 
 def closing(table: pd.DataFrame) -> str:
