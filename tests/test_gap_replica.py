@@ -45,6 +45,19 @@ def test_the_size_decides_and_not_the_shape():
     assert compared("stribeck", one, {**two, "force": -5.0}).replicates is False
 
 
+def test_sizes_that_trade_are_compared_by_what_they_do_together():
+    t = np.linspace(0.0, 1.0, 50)
+    loop = iv.axes.emps().with_effect("offset-drift", rate=1.0, curvature=0.0)
+    one = {"offset-drift.rate": 1.0, "offset-drift.curvature": 0.0}
+    two = {"offset-drift.rate": 0.6, "offset-drift.curvature": 0.4}
+    made = {"offset-drift.rate": t, "offset-drift.curvature": t**2}
+    asked = ["offset-drift"], SIDES, (one, two), loop, (), Rules()
+    assert replicas(*asked)[0].replicates is False
+    assert replicas(*asked, made)[0].replicates is True
+    away = (one, {**two, "offset-drift.rate": -1.4})
+    assert replicas(*asked[:2], away, *asked[3:], made)[0].replicates is False
+
+
 def test_a_periodic_effect_may_begin_anywhere():
     turn = np.exp(2.0j) * (3.0 + 4.0j)
     one = {"cosine": 3.0, "sine": 4.0, "period": 0.005}

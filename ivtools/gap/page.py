@@ -244,7 +244,11 @@ def _handed_over(s: Shrink) -> str:
     """Return what the model leaves that is handed over, its base parameters not tuned again."""
     if not s.held_out:
         return ""
-    return f" With the base parameters of the record it is {s.after_frozen:.3g} {s.unit}."
+    low, high = s.interval_frozen
+    return (
+        f" With the base parameters of the record it is {s.after_frozen:.3g} {s.unit} "
+        f"({low:.3g} to {high:.3g})."
+    )
 
 
 def _nothing(diagnosis: Diagnosis) -> list[str]:

@@ -1,7 +1,4 @@
-"""Verdict: what was attributed, in one word, and whether either side says the same.
-
-Nothing is decided here that a person could not look up in `rules`.
-"""
+"""Answer: what was attributed, in one word."""
 
 from __future__ import annotations
 
@@ -10,22 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..loop import ClosedLoop
-from ..units import quantity
-from .attribute import Attribution, cost
-from .candidate import phases
-from .fit import Fit, common, gauss_newton, steps
-from .floor import Measured
-from .library import Scales
-from .parity import Parity
-from .preflight import Finding
-from .quantify import Shrink
-from .rules import (
+from ...units import quantity
+from ..attribute import Attribution, cost
+from ..fit import Fit, common, gauss_newton, steps
+from ..floor import Measured
+from ..library import Scales
+from ..preflight import Finding
+from ..quantify import Shrink
+from ..rules import (
     ADEQUATE,
     CHANGED,
     CHANGED_BY,
     CHANGED_T,
-    DRAWS,
     EXPLAINED,
     FAINT,
     HEARD,
@@ -34,11 +27,7 @@ from .rules import (
     REPEATS,
     SHORT,
     STEADY,
-    Rules,
 )
-
-Pair = tuple[float | None, float | None]
-
 
 VERDICTS = {
     "adequate": "the model is as good as the measurement is repeatable",
@@ -258,224 +247,3 @@ def _moved(result: Attribution) -> bool:
     swapped = [two.fold.error(two.loop, one.values), one.fold.error(one.loop, two.values)]
     still = float(np.mean([np.mean(e**2) for e in swapped]))
     return tuned < STEADY and still > CHANGED * tuned
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """One effect in the ranking.
-
-    Parameters
-    ----------
-    effect : str
-    closed : float
-        Fraction of the reducible energy of the gap that it closes alone.
-    p_value : float
-        Of no gain on held-out data, corrected for all effects tried; 1 if it was not fitted.
-    held_out : bool
-        Whether `closed` was judged on held-out data; else it is the screening's estimate.
-    replicates : bool
-        Whether it passes the rules for a name.
-    """
-
-    effect: str
-    closed: float
-    p_value: float
-    held_out: bool
-    replicates: bool
-
-    @property
-    def chance(self) -> str:
-        """The p value as it is printed."""
-        if not self.held_out:
-            return "screened"
-        return f"{self.p_value:.3f}" if self.p_value > 0.0 else f"< {1.0 / DRAWS:g}"
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the JSON of the entry."""
-        return {
-            "effect": self.effect,
-            "closed": self.closed,
-            "p_value": self.p_value,
-            "held_out": self.held_out,
-            "replicates": self.replicates,
-        }
-
-
-def ranking(result: Attribution, rules: Rules, energy: float) -> tuple[Ranked, ...]:
-    """Return every effect that was tried, those that were fitted first."""
-    gap = energy / (1.0 + energy)  # the reducible part of the whitened energy
-    fitted = {t.name: t for t in result.trials}
-    ranked = []
-    for name, gain in result.screened.items():
-        trial = fitted.get(name)
-        closed = float(np.clip((trial.gain if trial else gain) / gap, 0.0, 1.0))
-        p = result.pvalues.get(name, 1.0) if trial else 1.0
-        ranked.append(
-            Ranked(name, closed, p, trial is not None, bool(trial and trial.passes(rules)))
-        )
-    return tuple(sorted(ranked, key=lambda r: (not r.held_out, -r.closed)))
-
-
-@dataclass(frozen=True)
-class Replica:
-    """The values of a named effect on either side.
-
-    Parameters
-    ----------
-    effect : str
-    sides : tuple of str
-        The two records, or the two parts of one.
-    values : mapping
-        Per parameter, its value on either side; None where the side does not show it.
-    units : mapping
-        Unit of each parameter.
-    replicates : bool or None
-        Whether the sides agree; None if only one of them can show the effect.
-    """
-
-    effect: str
-    sides: tuple[str, str]
-    values: dict[str, Pair]
-    units: dict[str, str]
-    replicates: bool | None
-
-    @property
-    def text(self) -> str:
-        """The answer as a sentence."""
-        return f"{self.effect} {self.short}"
-
-    @property
-    def short(self) -> str:
-        """The sentence without its subject."""
-        said = {
-            True: "replicates in both directions",
-            False: "does not replicate, its values differ",
-            None: "shows on one side only",
-        }
-        one, two = self.sides
-        shown = (
-            f"{n} {self.value(n, 0)} on {one}, {self.value(n, 1)} on {two}" for n in self.values
-        )
-        return f"{said[self.replicates]}: {'; '.join(shown)}"
-
-    def value(self, name: str, side: int) -> str:
-        """Return the value of a parameter on one side, with its unit."""
-        value = self.values[name][side]
-        if value is None:
-            return "not seen"
-        if self.units[name] == "%":
-            return f"{100 * value:+.2g} %"
-        return quantity(value, self.units[name].removeprefix("1"))
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the JSON of the replica."""
-        sides = [{"side": s, **{n: v[i] for n, v in self.values.items()}}
-                 for i, s in enumerate(self.sides)]  # fmt: skip
-        return {"replicates": self.replicates, "sides": sides, "text": self.text}
-
-
-def replicas(
-    effects: Sequence[str],
-    sides: tuple[str, str],
-    values: tuple[Mapping[str, float], Mapping[str, float]],
-    loop: ClosedLoop,
-    checked: Sequence[Parity],
-    rules: Rules,
-) -> tuple[Replica, ...]:
-    """Compare the named effects between the sides.
-
-    Parameters
-    ----------
-    effects : sequence of str
-    sides : tuple of str
-        Names of the two sides.
-    values : tuple of mapping
-        Fitted parameters on either side.
-    loop : ClosedLoop
-        With the effects that were fitted.
-    checked : sequence of Parity
-        Of each record.
-    rules : Rules
-    """
-    found = []
-    for effect in effects:
-        own = [n for n in loop.parameters if n.startswith(f"{effect}.")]
-        if own:
-            found.append(_fitted(effect, sides, values, loop, own, rules))
-        elif len(checked) == 2:
-            found.append(_controller(effect, sides, checked, rules))
-    return tuple(found)
-
-
-def _fitted(
-    effect: str,
-    sides: tuple[str, str],
-    values: tuple[Mapping[str, float], Mapping[str, float]],
-    loop: ClosedLoop,
-    names: list[str],
-    rules: Rules,
-) -> Replica:
-    pairs = {n: (values[0][n], values[1][n]) for n in names if not loop.parameters[n].nuisance}
-    units = {n: loop.parameters[n].unit_for(loop.joint) for n in pairs}
-    turned = sorted(phases(loop) & {*names})
-    if turned:  # its phase is a matter of where the record began
-        size = f"{effect}.amplitude"
-        pairs, units = _without_phase(pairs, turned, size), {**units, size: units[turned[0]]}
-    pairs = {n: p for n, p in pairs.items() if p != (0.0, 0.0)}
-    sizes = [n for n in pairs if n.endswith(".amplitude") or _linear(loop, n)] or list(pairs)
-    agree = _agree(np.array([pairs[n] for n in sizes]), rules) if sizes else None
-    short = {n: n.partition(".")[2] for n in pairs}
-    return Replica(
-        effect,
-        sides,
-        {short[n]: p for n, p in pairs.items()},
-        {short[n]: units[n] for n in pairs},
-        agree,
-    )
-
-
-def _linear(loop: ClosedLoop, name: str) -> bool:
-    return name in loop.parameters and bool(loop.parameters[name].linear)
-
-
-def _without_phase(
-    pairs: Mapping[str, tuple[float, float]], turned: Sequence[str], size: str
-) -> dict[str, tuple[float, float]]:
-    """Return values on both sides with the size of a wave, so named, instead of what turns."""
-    one, two = (float(np.linalg.norm([pairs[n][i] for n in turned])) for i in (0, 1))
-    return {size: (one, two), **{n: p for n, p in pairs.items() if n not in turned}}
-
-
-def _agree(x: np.ndarray, rules: Rules) -> bool:
-    """Whether two sets of values (n, 2) point the same way and are of similar size."""
-    x = x / np.maximum(np.max(np.abs(x), axis=1, keepdims=True), 1e-300)
-    dot = float(x[:, 0] @ x[:, 1])
-    ratios = [dot / max(float(x[:, i] @ x[:, i]), 1e-300) for i in (0, 1)]
-    return bool(1.0 / rules.other.agreement <= min(ratios) and max(ratios) <= rules.other.agreement)
-
-
-def _controller(
-    effect: str, sides: tuple[str, str], checked: Sequence[Parity], rules: Rules
-) -> Replica:
-    """Compare what the controllers of two records show."""
-    if effect == "saturation":
-        values: dict[str, Pair] = {"limit": (checked[0].limit, checked[1].limit)}
-    else:
-        one, two = (p.found for p in checked)
-        values = {n: (one.get(n), two.get(n)) for n in sorted({*one, *two})}
-    both = np.array(
-        [[float(v) for v in p if v is not None] for p in values.values() if None not in p]
-    )
-    agree = _agree(both, rules) if len(both) else None
-    absolute = ("limit", "law.", "feed")  # what is no relative error
-    units = {n: "" if n.startswith(absolute) else "%" for n in values}
-    return Replica(effect, sides, values, units, agree)
-
-
-def replicate(
-    effects: tuple[str, ...], result: Attribution, checked: tuple[Parity, ...], rules: Rules
-) -> tuple[Replica, ...]:
-    """Return, per named effect, whether the sides agree."""
-    one, two = result.fits
-    sides = (one.fold.label, two.fold.label)
-    return replicas(effects, sides, (one.values, two.values), one.loop, checked, rules)

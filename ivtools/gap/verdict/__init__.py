@@ -1,0 +1,39 @@
+"""Verdict: what the diagnosis says of what was attributed.
+
+answer     one word, and what is to be said beside it
+ranking    every effect that was tried, and how much each closes by itself
+replica    whether a named effect does the same on either side
+
+Nothing is decided here that a person could not look up in `rules`.
+"""
+
+from .answer import (
+    OUTSIDE,
+    VERDICTS,
+    Setting,
+    changes,
+    decide,
+    lowers,
+    may_swing,
+    no_better,
+    remainder,
+)
+from .ranking import Ranked, ranking
+from .replica import Replica, replicas, replicate
+
+__all__ = [
+    "OUTSIDE",
+    "VERDICTS",
+    "Ranked",
+    "Replica",
+    "Setting",
+    "changes",
+    "decide",
+    "lowers",
+    "may_swing",
+    "no_better",
+    "ranking",
+    "remainder",
+    "replicas",
+    "replicate",
+]

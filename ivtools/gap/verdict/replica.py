@@ -1,0 +1,222 @@
+"""Replica: whether a named effect does the same on either side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...loop import ClosedLoop
+from ...units import quantity
+from ..attribute import Attribution
+from ..candidate import phases
+from ..discrepancy import beside
+from ..fit import Fit
+from ..parity import Parity
+from ..rules import Rules
+
+Array = NDArray[np.float64]
+Pair = tuple[float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Replica:
+    """The values of a named effect on either side.
+
+    Parameters
+    ----------
+    effect : str
+    sides : tuple of str
+        The two records, or the two parts of one.
+    values : mapping
+        Per parameter, its value on either side; None where the side does not show it.
+    units : mapping
+        Unit of each parameter.
+    replicates : bool or None
+        Whether the sides agree; None if only one of them can show the effect.
+    """
+
+    effect: str
+    sides: tuple[str, str]
+    values: dict[str, Pair]
+    units: dict[str, str]
+    replicates: bool | None
+
+    @property
+    def text(self) -> str:
+        """The answer as a sentence."""
+        return f"{self.effect} {self.short}"
+
+    @property
+    def short(self) -> str:
+        """The sentence without its subject."""
+        said = {
+            True: "replicates in both directions",
+            False: "does not replicate, its values differ",
+            None: "shows on one side only",
+        }
+        one, two = self.sides
+        shown = (
+            f"{n} {self.value(n, 0)} on {one}, {self.value(n, 1)} on {two}" for n in self.values
+        )
+        return f"{said[self.replicates]}: {'; '.join(shown)}"
+
+    def value(self, name: str, side: int) -> str:
+        """Return the value of a parameter on one side, with its unit."""
+        value = self.values[name][side]
+        if value is None:
+            return "not seen"
+        if self.units[name] == "%":
+            return f"{100 * value:+.2g} %"
+        return quantity(value, self.units[name].removeprefix("1"))
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the JSON of the replica."""
+        sides = [{"side": s, **{n: v[i] for n, v in self.values.items()}}
+                 for i, s in enumerate(self.sides)]  # fmt: skip
+        return {"replicates": self.replicates, "sides": sides, "text": self.text}
+
+
+def replicas(
+    effects: Sequence[str],
+    sides: tuple[str, str],
+    values: tuple[Mapping[str, float], Mapping[str, float]],
+    loop: ClosedLoop,
+    checked: Sequence[Parity],
+    rules: Rules,
+    made: Mapping[str, Array] | None = None,
+) -> tuple[Replica, ...]:
+    """Compare the named effects between the sides.
+
+    Parameters
+    ----------
+    effects : sequence of str
+    sides : tuple of str
+        Names of the two sides.
+    values : tuple of mapping
+        Fitted parameters on either side.
+    loop : ClosedLoop
+        With the effects that were fitted.
+    checked : sequence of Parity
+        Of each record.
+    rules : Rules
+    made : mapping of str to ndarray, (n_samples,), optional
+        What one unit of a parameter does along a record: sizes of several are compared by what they
+        do together, for of two that trade with each other either may have more.
+    """
+    found = []
+    for effect in effects:
+        own = [n for n in loop.parameters if n.startswith(f"{effect}.")]
+        if own:
+            found.append(_fitted(effect, sides, values, loop, own, rules, made or {}))
+        elif len(checked) == 2:
+            found.append(_controller(effect, sides, checked, rules))
+    return tuple(found)
+
+
+def _fitted(
+    effect: str,
+    sides: tuple[str, str],
+    values: tuple[Mapping[str, float], Mapping[str, float]],
+    loop: ClosedLoop,
+    names: list[str],
+    rules: Rules,
+    made: Mapping[str, Array],
+) -> Replica:
+    pairs = {n: (values[0][n], values[1][n]) for n in names if not loop.parameters[n].nuisance}
+    units = {n: loop.parameters[n].unit_for(loop.joint) for n in pairs}
+    turned = sorted(phases(loop) & {*names})
+    if turned:  # its phase is a matter of where the record began
+        size = f"{effect}.amplitude"
+        pairs, units = _without_phase(pairs, turned, size), {**units, size: units[turned[0]]}
+    pairs = {n: p for n, p in pairs.items() if p != (0.0, 0.0)}
+    sizes = [n for n in pairs if n.endswith(".amplitude") or _linear(loop, n)] or list(pairs)
+    x = np.array([pairs[n] for n in sizes]).reshape(-1, 2)
+    known = bool(sizes) and made.keys() >= {*sizes}
+    does = np.column_stack([made[n] for n in sizes]) @ x if known else _relative(x)
+    agree = _agree(does, rules) if sizes else None
+    short = {n: n.partition(".")[2] for n in pairs}
+    return Replica(
+        effect,
+        sides,
+        {short[n]: p for n, p in pairs.items()},
+        {short[n]: units[n] for n in pairs},
+        agree,
+    )
+
+
+def _linear(loop: ClosedLoop, name: str) -> bool:
+    return name in loop.parameters and bool(loop.parameters[name].linear)
+
+
+def _without_phase(
+    pairs: Mapping[str, tuple[float, float]], turned: Sequence[str], size: str
+) -> dict[str, tuple[float, float]]:
+    """Return values on both sides with the size of a wave, so named, instead of what turns."""
+    one, two = (float(np.linalg.norm([pairs[n][i] for n in turned])) for i in (0, 1))
+    return {size: (one, two), **{n: p for n, p in pairs.items() if n not in turned}}
+
+
+def _relative(x: Array) -> Array:
+    """Return values on two sides, (n, 2), relative to the larger one."""
+    return np.asarray(x / np.maximum(np.max(np.abs(x), axis=-1, keepdims=True), 1e-300))
+
+
+def _agree(x: Array, rules: Rules) -> bool:
+    """Whether two sides (n, 2) point the same way and are of similar size."""
+    dot = float(x[:, 0] @ x[:, 1])
+    ratios = [dot / max(float(x[:, i] @ x[:, i]), 1e-300) for i in (0, 1)]
+    return bool(1.0 / rules.other.agreement <= min(ratios) and max(ratios) <= rules.other.agreement)
+
+
+def _controller(
+    effect: str, sides: tuple[str, str], checked: Sequence[Parity], rules: Rules
+) -> Replica:
+    """Compare what the controllers of two records show."""
+    if effect == "saturation":
+        values: dict[str, Pair] = {"limit": (checked[0].limit, checked[1].limit)}
+    else:
+        one, two = (p.found for p in checked)
+        values = {n: (one.get(n), two.get(n)) for n in sorted({*one, *two})}
+    both = np.array(
+        [[float(v) for v in p if v is not None] for p in values.values() if None not in p]
+    )
+    agree = _agree(_relative(both), rules) if len(both) else None
+    absolute = ("limit", "law.", "feed")  # what is no relative error
+    units = {n: "" if n.startswith(absolute) else "%" for n in values}
+    return Replica(effect, sides, values, units, agree)
+
+
+def replicate(
+    effects: tuple[str, ...], result: Attribution, checked: tuple[Parity, ...], rules: Rules
+) -> tuple[Replica, ...]:
+    """Return, per named effect, whether the sides agree."""
+    one, two = result.fits
+    sides = (one.fold.label, two.fold.label)
+    values = (one.values, two.values)
+    return replicas(effects, sides, values, one.loop, checked, rules, _made(one, result.base[0]))
+
+
+def _made(fit: Fit, base: Fit) -> dict[str, Array]:
+    """Return what one unit of each size of a law does to the error, beside the base model."""
+    laws = [t for t in fit.loop.terms if not t.base and t.law is not None and not t.net]
+    if not laws or fit.fold.response is None:
+        return {}
+    run = fit.fold.simulate(fit.loop, fit.values)
+    if not run.finite:
+        return {}
+    signals = (run.q[:, 0], run.dq[:, 0], run.ddq[:, 0])
+    names, forces = [], []
+    for term in laws:
+        own = dict(zip(term.names, term.parameters, strict=True))
+        sizes = [n for n, p in own.items() if p.linear]
+        for name in sizes:
+            values = [float(n == name) if n in sizes else fit.values[n] for n in own]
+            names.append(name)
+            forces.append(term.force(*signals, values, run.tau[:, 0], run.t))
+    if not forces:
+        return {}
+    answers = beside(base, base.fold.answers(np.column_stack(forces)))
+    return dict(zip(names, answers.T, strict=True))
