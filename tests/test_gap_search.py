@@ -144,6 +144,12 @@ def test_a_search_ends_in_a_valley_that_is_known(scales, monkeypatch):
         assert (found == [known]) != searched
 
 
+def test_smooth_laws_that_are_nearly_alike_do_not_crash():
+    """Singular values of their products did not converge here."""
+    loop, one, two, _ = drawn("single", 6801, ("torque-ripple",))
+    assert iv.diagnose(one, loop, two).effects == ("torque-ripple",)
+
+
 def test_no_second_mass_is_looked_for_beside_what_closes_nearly_all_of_a_gap(monkeypatch):
     """An eccentric encoder 86 times the noise and a drift: it is named without a search."""
     searched = []

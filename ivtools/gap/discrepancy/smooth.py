@@ -272,7 +272,9 @@ class Columns:
         A, b = self.square[rows, rows] / size / size.T, self.side(x)[rows] / size
         beta = np.zeros((len(self.square), x.shape[1]))
         if np.isfinite(A).all() and np.isfinite(b).all():  # else of a loop that diverged
-            beta[rows] = np.linalg.lstsq(A, b, rcond=ALIKE)[0] / size
+            w, V = np.linalg.eigh(A)  # a decomposition by singular values may not converge
+            told = w > ALIKE * w.max(initial=0.0)
+            beta[rows] = V[:, told] @ ((V[:, told].T @ b) / w[told, None]) / size
         return x - self.times(beta)
 
 
