@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -352,9 +351,14 @@ def _names_kept(
     """
     left = [] if laws is None else threaded(lambda fits: fitted(fits, laws), models)
     own = [any(t.unlike > UNLIKE_SMOOTH for t in group) for group in groups]
-    used = [any(t.term.of_time for t in group) for group in groups]
-    used = [u or law.of_use for u, law in zip(used, left or map(nothing, models), strict=False)]
-    told = [not u or _not_use(*pair) for u, pair in zip(used, pairwise(models), strict=True)]
+
+    def told(k: int) -> bool:
+        """Whether what gets the k-th name is none of use, if it may be one."""
+        timed = any(t.term.of_time for t in groups[k])
+        used = timed or (bool(left) and left[k].of_use)
+        return not used or _not_use(models[k], models[k + 1])
+
+    clear = [told(k) for k in range(len(groups))]
 
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""
@@ -364,7 +368,7 @@ def _names_kept(
 
     def holds(k: int) -> bool:
         """Whether so many names do."""
-        if not all(told[:k]):
+        if not all(clear[:k]):
             return False
         if not left:
             return True
