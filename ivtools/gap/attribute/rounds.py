@@ -209,7 +209,10 @@ def _tried(
     gains = _gains(found)
     valleys = {n for n in gains if found[0][n].term.search == "valleys"}
     least = WORTH_A_FIT * rules.steady.gain
-    chosen = [n for n in list(gains)[: rules.refit] if gains[n] > least]
+    # four sizes flatter a drift in the screening: it takes no other effect's place
+    lasting = [n for n in gains if not found[0][n].term.of_time]
+    first = {*list(gains)[: rules.refit], *lasting[: rules.refit]}
+    chosen = [n for n in gains if n in first and gains[n] > least]
     chosen += [n for n in gains if n == seen and n not in chosen]
     tried: list[Trial] = []
 
