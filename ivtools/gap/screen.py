@@ -119,7 +119,7 @@ def _direction(
     if term.law is not None and term.search != "valleys":
         linear = [i for i, p in enumerate(term.parameters) if p.linear]
         names = tuple(term.parameters[i].name for i in linear)
-        forces = as_columns(_law(term, i, shape, now) for i in linear or [-1])
+        forces = as_columns(unit_force(term, i, shape, now) for i in linear or [-1])
         return _Direction(term, shape, names, side.fold.answers(forces))
     if term.as_force is not None:
         names = tuple(p.name for p in term.parameters if p.linear)
@@ -138,7 +138,18 @@ def _direction(
     return _Direction(term, shape, (), side.fold.white(change)[:, None])
 
 
-def _law(term: Term, index: int, shape: dict[str, float], simulation: Simulation) -> Array:
+def unit_force(term: Term, index: int, shape: dict[str, float], simulation: Simulation) -> Array:
+    """Return the force of one unit of a law's parameter, N or N m, (n_samples,).
+
+    Parameters
+    ----------
+    term : Term
+    index : int
+        Of the parameter; all other sizes are zero.
+    shape : mapping
+        Parameters that are no sizes, by short name; the rest is neutral.
+    simulation : Simulation
+    """
     q, dq, ddq = simulation.where, simulation.dq[:, 0], simulation.ddq[:, 0]
     unit = [
         shape.get(p.name, p.neutral) if not p.linear else float(i == index)

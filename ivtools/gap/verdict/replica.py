@@ -13,9 +13,10 @@ from ...units import quantity
 from ..attribute import Attribution
 from ..candidate import phases
 from ..discrepancy import beside
-from ..fit import Fit
+from ..fit import Fit, of_effect
 from ..parity import Parity
 from ..rules import Rules
+from ..screen import unit_force
 
 Array = NDArray[np.float64]
 Pair = tuple[float | None, float | None]
@@ -207,15 +208,13 @@ def _made(fit: Fit, base: Fit) -> dict[str, Array]:
     run = fit.fold.simulate(fit.loop, fit.values)
     if not run.finite:
         return {}
-    signals = (run.q[:, 0], run.dq[:, 0], run.ddq[:, 0])
     names, forces = [], []
     for term in laws:
-        own = dict(zip(term.names, term.parameters, strict=True))
-        sizes = [n for n, p in own.items() if p.linear]
-        for name in sizes:
-            values = [float(n == name) if n in sizes else fit.values[n] for n in own]
-            names.append(name)
-            forces.append(term.force(*signals, values, run.tau[:, 0], run.t))
+        shape = of_effect(fit.values, term.name)
+        for i, (name, p) in enumerate(zip(term.names, term.parameters, strict=True)):
+            if p.linear:
+                names.append(name)
+                forces.append(unit_force(term, i, shape, run))
     if not forces:
         return {}
     answers = beside(base, base.fold.answers(np.column_stack(forces)))
