@@ -392,6 +392,11 @@ LEAST_KNOTS, MOST_KNOTS = 8, 64
 #: position must have it of all that smooth laws and the line remove (training: 0.51 to 0.97 of
 #: twelve lines beside a real background or a nameless force, 0.30 to 0.51 of four that were bumps).
 UNLIKE_SMOOTH = 0.5
+#: Share of what an effect changes that a force without a name, fitted beside it, must not have, and
+#: the factor by which its amplitude there may differ from that by itself (training: of 30 names of
+#: forces without one, which replicate by themselves, two are inside; of 25 true ones that were
+#: lost behind something else, ten).
+UNSHARED, AS_LARGE = 0.05, 1.67
 #: Share of a line's gain that smooth laws may add where there is nothing but the line (judgement:
 #: a curve that is no sine leaves more).
 EXACT = 0.01
@@ -433,6 +438,10 @@ DISCREPANCY_T = 3.0
 #: Share of that energy from which fewer blocks are enough, and their t value (as of dominant
 #: effects: what depends on the load shows where the axis accelerates).
 DISCREPANCY_MOST = (0.5, 2.0)
+#: Signals from which a force without a name may be like anything, and the share of what it removes
+#: that names may fall short by which spare it one of them (training: of 13 true names behind a real
+#: background that were lost for 0.01 to 0.1 seven do; of 36 false ones one, for 0.103).
+SEVERAL, SPARED = 3, 0.1
 #: Standard errors by which names may predict worse than a force without a name does (theory:
 #: Breiman et al., 1984; training: four false names were 1.1 to 5.7 worse; of true ones only one,
 #: without those that belong beside it, 2.5).

@@ -52,6 +52,9 @@ class Evidence:
         How well the blocks of the records agree in its amplitude: 1 is as well as noise lets them.
     needed : bool
         Whether a force without a name predicts held-out data significantly worse without it.
+    stands : bool
+        Whether its amplitude is the same beside a force without a name, if that was asked: then
+        what else is in the gap is not asked for.
     """
 
     gain: float
@@ -64,6 +67,7 @@ class Evidence:
     unlike: float = 1.0
     evenness: float = 1.0
     needed: bool = True
+    stands: bool = False
 
     @property
     def outdone(self) -> bool:
@@ -115,15 +119,16 @@ def features(proof: Evidence) -> dict[str, float]:
     """Return the evidence on the scales on which it adds up."""
     removed = proof.gain * proof.left / max(1.0 - proof.gain, LEAST_EVIDENCE)
     gap = max(removed + max(proof.left - 1.0, 0.0), 1e-9)  # what was left to explain before it
-    told = proof.unlike > UNLIKE_SMOOTH or (proof.needed and proof.evenness > EVEN)
+    told = proof.stands or proof.unlike > UNLIKE_SMOOTH or (proof.needed and proof.evenness > EVEN)
     nameless = proof.explained < ENOUGH and not told  # a smooth law without a name may be behind it
+    alone = not proof.stands
     doubt = nameless * (1.0 - proof.unlike)
     return {
         "gain": float(np.log(max(proof.gain, LEAST_EVIDENCE))),
         "t": float(np.log(max(proof.t, 1.0))),
         "disagreement": float(np.log(min(max(proof.disagreement, 1.0), MOST_DISAGREEMENT))),
-        "rival": float(np.clip(proof.rival, 0.0, 1.0)),
-        "share": proof.unlike * float(np.log(np.clip(removed / gap, LEAST_EVIDENCE, 1.0))),
+        "rival": alone * float(np.clip(proof.rival, 0.0, 1.0)),
+        "share": alone * proof.unlike * float(np.log(np.clip(removed / gap, LEAST_EVIDENCE, 1.0))),
         "evenness": doubt * float(np.log(np.clip(proof.evenness, LEAST_EVENNESS, 1.0))),
     }
 

@@ -30,6 +30,8 @@ from ..rules import (
     LIKELY,
     MORE,
     MOST,
+    SEVERAL,
+    SPARED,
     STANDARD_ERRORS,
     SUPERFLUOUS,
     TIE,
@@ -149,7 +151,7 @@ class Attribution:
     def proof(self, r: Round, trial: Trial) -> Evidence:
         """Return what speaks for one of the effects that were tried in a round."""
         others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
-        found = evidence(trial, others, self.base, self.full or self.held, self._needed(trial))
+        found = _proof(trial, others, self.base, self.full or self.held, self._needed(trial))
         return replace(found, unlike=1.0) if trial.name == r.measured else found
 
     def _needed(self, trial: Trial) -> bool:
@@ -164,7 +166,10 @@ class Attribution:
         models = [common(fits) for fits in (self.base, *without, self.full or self.held)]
         *others, own = (fitted(fits, self.laws) for fits in models)
         least = least_t(trial.gain)
-        return all(advantage(models[0], other, own) > least for other in others)
+        return all(
+            _spared(models[0], other, own) or advantage(models[0], other, own) > least
+            for other in others
+        )
 
     @cached_property
     def pvalues(self) -> dict[str, float]:
@@ -350,7 +355,7 @@ def _names_kept(
     1984, section 3.4.3: the one-standard-error rule.
     """
     left = [] if laws is None else threaded(lambda fits: fitted(fits, laws), models)
-    own = [any(t.unlike > UNLIKE_SMOOTH for t in group) for group in groups]
+    own = [any(t.unlike > UNLIKE_SMOOTH or (left and t.stands) for t in group) for group in groups]
 
     def told(k: int) -> bool:
         """Whether what gets the k-th name is none of use, if it may be one."""
@@ -362,9 +367,10 @@ def _names_kept(
 
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""
-        margin = TIE * (cost(models[0]) - fewer.cost)
-        worse = more.cost - fewer.cost > margin
-        return worse and advantage(models[0], fewer, more) < -STANDARD_ERRORS
+        alike = more.cost - fewer.cost <= TIE * (cost(models[0]) - fewer.cost)
+        if alike or _spared(models[0], fewer, more):
+            return False
+        return advantage(models[0], fewer, more) < -STANDARD_ERRORS
 
     def holds(k: int) -> bool:
         """Whether so many names do."""
@@ -403,6 +409,15 @@ def _short(base: tuple[Fit, ...], held: tuple[Fit, ...], law: Spline, rules: Rul
     return cost(held) - law.cost > margin * (cost(base) - law.cost)
 
 
+def _spared(base: tuple[Fit, ...], plain: Spline, both: Spline) -> bool:
+    """Whether names spare a force without one some of the signals that it needs without them.
+
+    What needs several may be like anything, so it may be a little better and yet not what is there.
+    """
+    most = SPARED * (cost(base) - plain.cost)
+    return len(both.over) < len(plain.over) >= SEVERAL and both.cost - plain.cost <= most
+
+
 def _outdone(
     base: tuple[Fit, ...], held: tuple[Fit, ...], plain: Spline, both: Spline, rules: Rules
 ) -> bool:
@@ -422,6 +437,7 @@ def _outdone(
         _short(base, held, plain, rules)
         and advantage(base, nothing(held), plain) > least_t(saved / cost(held))
         and advantage(base, plain, both) < DISCREPANCY_T
+        and not _spared(base, plain, both)
     )
 
 
@@ -468,7 +484,25 @@ def _doubtful(best: Trial, last: Round, base: tuple[Fit, ...], rules: Rules) -> 
     """Whether names with such evidence were hardly more often right than wrong."""
     rivals = last.rivals(rules, cost(best.held))
     others = [t for t in last.trials if t not in (best, *rivals)]
-    return probability(evidence(best, others, base)) < LIKELY
+    return probability(_proof(best, others, base)) < LIKELY
+
+
+def _proof(
+    trial: Trial,
+    others: Sequence[Trial],
+    base: tuple[Fit, ...],
+    held: tuple[Fit, ...] = (),
+    needed: bool = True,
+) -> Evidence:
+    """Return the evidence for an effect; where it leaves doubt, also whether the effect stands.
+
+    What does not stand beside a force without a name is no rival of what does.
+    """
+    found = evidence(trial, others, base, held, needed)
+    if probability(found) >= LIKELY or not trial.stands:
+        return found
+    rivals = [t for t in others if t.gain > trial.gain and t.stands]
+    return replace(evidence(trial, rivals, base, held, needed), stands=True)
 
 
 def _backward(

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics import Term
-from ..discrepancy import a_line, other_waves, smooth_rest, unlike_smooth
-from ..fit import Fit
+from ..discrepancy import a_line, other_waves, smooth_rest, stands, unlike_smooth
+from ..fit import Fit, common
 from ..fold import Fold, block_t
 from ..library import Scales
 from ..rules import EXACT, OTHER_WAVE_T, UNLIKE_SMOOTH, Rules, Threshold
@@ -159,12 +159,18 @@ class Trial:
         return float(np.clip(unlike_smooth(self.before, self.held), 0.0, 1.0))
 
     @cached_property
+    def stands(self) -> bool:
+        """Whether it is as large beside a force without a name as by itself."""
+        return stands(common(self.before), common(self.held))
+
+    @cached_property
     def distinct(self) -> bool:
         """Whether a line over position is no smooth law of the state, and no other wave.
 
         Most of what it and smooth laws remove together must be what only the line can: bumps look
         like one where they are many, and leave most of themselves. Of two or three periods a smooth
-        law has most, and does not add a thing where they are the line that they look like.
+        law has most, and does not add a thing where they are the line that they look like. A line
+        that stands beside any force without a name is one, whatever else is there.
         """
         if self.term.search != "lines":
             return True
@@ -172,7 +178,7 @@ class Trial:
         if not all(block_t(self._over(w)) > OTHER_WAVE_T for w in waves):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
-        return self.unlike > UNLIKE_SMOOTH * (1.0 + rest) or rest < EXACT
+        return self.unlike > UNLIKE_SMOOTH * (1.0 + rest) or rest < EXACT or self.stands
 
     def _periods(self, fits: Sequence[Fit]) -> list[float]:
         """Return the period of a line over position in each fit, m or rad."""
@@ -192,7 +198,8 @@ class Trial:
         reached |= thorough and self._reaches(rules.thorough)
         dominates = bool(np.max(self.gains) >= rules.dominant.gain)
         reached |= dominates and self._reaches(rules.one_sided)
-        return enough and reached and self.acts and self.inside and self.lowers and self.distinct
+        passed = enough and reached and self.acts and self.inside and self.lowers
+        return passed and self.distinct
 
     def _reaches(self, least: Threshold) -> bool:
         gain, t = np.min(self.gains), np.min(self.t)

@@ -14,6 +14,7 @@ from .discrepancy import (
     least_t,
     nothing,
     of_use,
+    stands,
 )
 from .smooth import Basis, Columns, a_line, beside, other_waves, smooth_rest, unlike_smooth
 
@@ -33,5 +34,6 @@ __all__ = [
     "of_use",
     "other_waves",
     "smooth_rest",
+    "stands",
     "unlike_smooth",
 ]

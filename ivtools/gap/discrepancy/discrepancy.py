@@ -13,7 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,15 @@ from ...workers import threaded
 from .. import spatial_lines
 from ..fit import Fit, normal
 from ..fold import block_t
-from ..rules import COOLING, DISCREPANCY_MOST, DISCREPANCY_SIZE, DISCREPANCY_T, PENALTIES
+from ..rules import (
+    AS_LARGE,
+    COOLING,
+    DISCREPANCY_MOST,
+    DISCREPANCY_SIZE,
+    DISCREPANCY_T,
+    PENALTIES,
+    UNSHARED,
+)
 from .smooth import OF_USE, Basis, Columns, beside, signals
 
 Array = NDArray[np.float64]
@@ -200,12 +210,15 @@ class Spline:
         Whitened error that the spline of either fold leaves on the other one.
     force : callable, optional
         Returns what it is on each fold, from both together, N or N m, (n_samples,) each.
+    rest : callable, optional
+        Returns what is left of an error on each fold, (n_kept,), if the spline is fitted to it.
     """
 
     over: tuple[str, ...]
     gain: float
     left: tuple[Array, ...]
     force: Callable[[], tuple[Array, ...]] = tuple
+    rest: Callable[[Sequence[Array]], Sequence[Array]] = list
 
     @property
     def of_use(self) -> bool:
@@ -289,6 +302,42 @@ def advantage(fits: Sequence[Fit], before: Spline, after: Spline) -> float:
     """
     pairs = zip(fits, before.left, after.left, strict=True)
     return block_t(np.concatenate([f.fold.block_sums(a**2 - b**2) for f, a, b in pairs]))
+
+
+def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
+    """Whether an effect is as large beside a force without a name as by itself, on each fold.
+
+    The force without a name is the one that describes best what the model leaves without the
+    effect. Both are fitted side by side: if the effect only resembles what is there, the other
+    takes its place, and its amplitude is any. An effect of which such a force has nearly all cannot
+    be told from it.
+
+    Parameters
+    ----------
+    before, held : sequence of Fit
+        The model without and with the effect, which the other fold has fitted.
+
+    R. Frisch, F. V. Waugh, Econometrica 1(4), 1933: a coefficient beside other regressors.
+    """
+    one, two = before
+    if (known := _BESIDE.get(one)) is None or known[0] is not two:
+        laws = Laws.of(before)
+        known = _BESIDE[one] = two, None if laws is None else fitted(before, laws)
+    if (law := known[1]) is None:
+        return False
+    changes = [beside(b, (h.e - b.e)[:, None])[:, 0] for b, h in zip(before, held, strict=True)]
+    errors = [beside(b, b.e[:, None])[:, 0] for b in before]
+    for x, own, e in zip(changes, law.rest(changes), errors, strict=True):
+        energy = float(own @ x)
+        if energy <= UNSHARED * float(x @ x):
+            return False
+        if not 1.0 / AS_LARGE <= -float(own @ e) / energy <= AS_LARGE:
+            return False
+    return True
+
+
+#: The force without a name in what a fit and that of the other fold leave, while they are there.
+_BESIDE: WeakKeyDictionary[Fit, tuple[Fit, Spline | None]] = WeakKeyDictionary()
 
 
 def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ...]:
@@ -399,7 +448,23 @@ class _Search:
     def spline(self, step: _Step) -> Spline:
         """Return what a step leaves."""
         left = tuple(e + a for e, a in zip(self.rests, step.answers, strict=True))
-        return Spline(step.over, step.gain, left, lambda: self.force(step))
+        rest = partial(self.rest, step)
+        return Spline(step.over, step.gain, left, lambda: self.force(step), rest)
+
+    def rest(self, step: _Step, errors: Sequence[Array]) -> Sequence[Array]:
+        """Return what a spline over the signals of a step leaves of errors on each fold, (n_kept,).
+
+        Its penalty is that of the step, and it is fitted to each of them itself.
+        """
+        if not step.over:
+            return errors
+        rows, R = self._rows(step.over), self._penalty(step.over, step.penalty)
+        found = []
+        for e, columns, square in zip(errors, self.seen, self.squares, strict=True):
+            beta = np.zeros(len(square))
+            beta[rows] = _solved(square[np.ix_(rows, rows)] + R, columns.side(e)[rows])
+            found.append(e - columns.times(beta))
+        return found
 
     def force(self, step: _Step) -> tuple[Array, ...]:
         """Return what fits both folds at once, on each, N or N m, (n_samples,)."""
