@@ -1,6 +1,7 @@
 """What a verdict rests on: changed settings, a third judge, a tolerance, a smaller force error."""
 
 import json
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -20,6 +21,7 @@ from ivtools.gap.verdict import lowers
 from ivtools.linalg.swing import Swing
 from ivtools.physics import EFFECTS, Parameter, Term
 
+discrepancy = sys.modules["ivtools.gap.discrepancy.discrepancy"]
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 SECONDS = 16.0
 
@@ -224,6 +226,15 @@ def left(size, shape=SHAPE):
     return SimpleNamespace(fold=sums, e=e, J=np.ones((2000, 1)), cost=float(np.mean(e**2)))
 
 
+class Leaves(SimpleNamespace):
+    """A stand-in of a fit that a weak reference can hold; it has no base parameters."""
+
+    __hash__ = object.__hash__
+
+    def __init__(self, e):
+        super().__init__(e=e, J=np.zeros((len(e), 0)))
+
+
 def spline(size, over=("q", "past"), shape=SHAPE):
     """Return a force without a name that leaves so much of it."""
     return Spline(over, 0.0, (NOISE + size * shape,))
@@ -238,6 +249,46 @@ def test_a_name_falls_where_a_force_without_one_explains_more():
     few = np.where(np.arange(2000) < 300, SHAPE, 0.0)  # in six blocks only
     assert not _outdone((left(3.0, few),), (left(2.0, few),), *gone, rules)
     assert _outdone((left(9.0, few),), (left(6.0, few),), *gone, rules)  # most of it
+
+
+def test_a_name_that_spares_a_force_without_one_a_signal_may_fall_a_little_short():
+    base, held, three = (left(3.0),), (left(1.7),), ("q", "past", "dq")
+    plain = spline(0.0, three)
+    assert _outdone(base, held, plain, spline(0.0, three), Rules())
+    assert not _outdone(base, held, plain, spline(0.5), Rules())
+    assert _outdone(base, held, plain, spline(1.2), Rules())  # more than a little
+    assert _outdone(base, held, spline(0.0), spline(0.5, ("q",)), Rules())  # two are few
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_an_effect_stands_beside_a_force_without_a_name_that_only_resembles_it(seed, monkeypatch):
+    """Both folds of random laws: one effect is there beside the law, another is near the law."""
+    rng = np.random.default_rng(seed)
+    folds = []
+    for _ in (0, 1):
+        law = rng.normal(size=(2000, 6))
+        force = law @ rng.normal(size=6)
+        true, like = rng.normal(size=2000), force + 0.5 * rng.normal(size=2000)
+        folds.append((law, true, like, force + true * rng.uniform(0.5, 2.0)))
+
+    def rest(errors):
+        both = zip(errors, folds, strict=True)
+        return [e - law @ np.linalg.lstsq(law, e, rcond=None)[0] for e, (law, *_) in both]
+
+    def fits(*errors):
+        return [Leaves(e) for e in errors]
+
+    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: "laws")
+    monkeypatch.setattr(
+        discrepancy, "fitted", lambda fits, laws: Spline(("q",), 0.0, (), rest=rest)
+    )
+    before = fits(*(e for *_, e in folds))
+    names = {}
+    for name, change in {"true": [f[1] for f in folds], "like": [f[2] for f in folds]}.items():
+        amplitude = [x @ f.e / (x @ x) for x, f in zip(change, before, strict=True)]
+        held = fits(*(f.e - a * x for f, a, x in zip(before, amplitude, change, strict=True)))
+        names[name] = discrepancy.stands(before, held)
+    assert names == {"true": True, "like": False}
 
 
 @pytest.mark.parametrize(
