@@ -239,6 +239,9 @@ FREQUENCIES, LEAST_LEFT = 512, 0.25
 EVENT = 8.0
 #: Least deviation, of the median, in that comparison (theory: chi-square of a short window).
 EVENT_SPREAD = 0.1
+#: Seconds of longer windows, and deviations of their energy or mean beyond which a weak force has
+#: acted for a while (training: 24 records without one are below 3.9, of three lost ones above 6).
+LASTING, LASTING_EVENT = 0.5, 5.0
 #: Samples of a period at least, and periods of a record at most (theory: a shape; training).
 LEAST_PERIOD, MOST_PERIODS = 20, 200
 #: Relative mismatch below which a reference repeats itself (numerics).

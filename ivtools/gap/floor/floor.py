@@ -37,6 +37,8 @@ from ..rules import (
     FULL_EVENT,
     LAG_WINDOW,
     LARGEST_ROOT,
+    LASTING,
+    LASTING_EVENT,
     LEAST_LEFT,
     LEAST_PAIRS,
     LEAST_PERIOD,
@@ -148,7 +150,7 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
             )
         rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt))
     white = fir(whitener, rest)
-    mask = events(white, keep, dt)
+    mask = events(white, keep, dt) | lasting(white, keep, dt)
     period = reference_period(fold.record)
     return Floor(
         whitener=whitener,
@@ -208,9 +210,11 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     return np.asarray(raw - basis @ beta)
 
 
-def _windows(x: Array, keep: Mask, dt: float) -> tuple[Array, NDArray[np.int_], int]:
+def _windows(
+    x: Array, keep: Mask, dt: float, seconds: float = WINDOW
+) -> tuple[Array, NDArray[np.int_], int]:
     """Return the mean of each window, how many samples of it count, and its width."""
-    width = max(round(WINDOW / dt), LEAST_WINDOW)
+    width = max(round(seconds / dt), LEAST_WINDOW)
     count = len(x) // width
     counts = keep[: count * width].reshape(count, width).sum(axis=1)
     sums = np.where(keep, x, 0.0)[: count * width].reshape(count, width).sum(axis=1)
@@ -314,14 +318,45 @@ def _typical(white: Array, keep: Mask, dt: float) -> Mask:
 def events(white: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows far above the floor, (n_samples,)."""
     energy, counts, width = _windows(white**2, keep, dt)
+    return _around(_deviation(energy, counts >= FULL_EVENT * width) > EVENT, width, keep)
+
+
+def lasting(white: Array, keep: Mask, dt: float) -> Mask:
+    """Return the samples of longer windows above the floor or off zero, (n_samples,).
+
+    A weak force that acts for a while shows in no short window: in a longer one its energy or its
+    mean does.
+    """
+    energy, counts, width = _windows(white**2, keep, dt, LASTING)
     full = counts >= FULL_EVENT * width
+    means, *_ = _windows(white, keep, dt, LASTING)
+    off = np.abs(_deviation(means * np.sqrt(counts), full, 1.0))  # noise has variance 1
+    return _around(np.maximum(_deviation(energy, full), off) > LASTING_EVENT, width, keep)
+
+
+def _deviation(x: Array, full: Mask, least: float | None = None) -> Array:
+    """Return how far each window that counts is from the median, in robust deviations, (n,).
+
+    Parameters
+    ----------
+    x : ndarray, (n,)
+    full : ndarray of bool, (n,)
+        Which windows count.
+    least : float, optional
+        Least deviation; `EVENT_SPREAD` of the median without.
+    """
     if not full.any():
-        return np.zeros(len(white), dtype=bool)
-    middle = np.median(energy[full])
-    spread = 1.4826 * np.median(np.abs(energy[full] - middle))
-    bad = full & (energy > middle + EVENT * max(spread, EVENT_SPREAD * middle))
+        return np.zeros(len(x))
+    middle = float(np.median(x[full]))
+    least = EVENT_SPREAD * middle if least is None else least
+    spread = max(1.4826 * float(np.median(np.abs(x[full] - middle))), least)
+    return np.where(full, (x - middle) / max(spread, 1e-300), 0.0)
+
+
+def _around(bad: Mask, width: int, keep: Mask) -> Mask:
+    """Return the samples of windows, of those beside them, and of no others, (n_samples,)."""
     bad = bad | np.roll(bad, 1) | np.roll(bad, -1) if bad.any() else bad
-    mask = np.zeros(len(white), dtype=bool)
+    mask = np.zeros(len(keep), dtype=bool)
     mask[: len(bad) * width] = np.repeat(bad, width)
     return mask & keep
 
