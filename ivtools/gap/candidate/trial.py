@@ -169,8 +169,7 @@ class Trial:
 
         Most of what it and smooth laws remove together must be what only the line can: bumps look
         like one where they are many, and leave most of themselves. Of two or three periods a smooth
-        law has most, and does not add a thing where they are the line that they look like. A line
-        that stands beside any force without a name is one, whatever else is there.
+        law has most, and does not add a thing where they are the line that they look like.
         """
         if self.term.search != "lines":
             return True
@@ -178,7 +177,7 @@ class Trial:
         if not all(block_t(self._over(w)) > OTHER_WAVE_T for w in waves):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
-        return self.unlike > UNLIKE_SMOOTH * (1.0 + rest) or rest < EXACT or self.stands
+        return self.unlike > UNLIKE_SMOOTH * (1.0 + rest) or rest < EXACT
 
     def _periods(self, fits: Sequence[Fit]) -> list[float]:
         """Return the period of a line over position in each fit, m or rad."""
@@ -198,8 +197,7 @@ class Trial:
         reached |= thorough and self._reaches(rules.thorough)
         dominates = bool(np.max(self.gains) >= rules.dominant.gain)
         reached |= dominates and self._reaches(rules.one_sided)
-        passed = enough and reached and self.acts and self.inside and self.lowers
-        return passed and self.distinct
+        return enough and reached and self.acts and self.inside and self.lowers and self.distinct
 
     def _reaches(self, least: Threshold) -> bool:
         gain, t = np.min(self.gains), np.min(self.t)

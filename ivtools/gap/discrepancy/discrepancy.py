@@ -323,7 +323,7 @@ def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
     if (known := _BESIDE.get(one)) is None or known[0] is not two:
         laws = Laws.of(before)
         known = _BESIDE[one] = two, None if laws is None else fitted(before, laws)
-    if (law := known[1]) is None:
+    if (law := known[1]) is None or not law.over:  # nothing was there to stand beside
         return False
     changes = [beside(b, (h.e - b.e)[:, None])[:, 0] for b, h in zip(before, held, strict=True)]
     errors = [beside(b, b.e[:, None])[:, 0] for b in before]
