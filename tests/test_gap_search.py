@@ -15,7 +15,7 @@ from ivtools.gap.candidate import starts
 from ivtools.gap.diagnose import Task as Asked
 from ivtools.gap.diagnose import begin
 from ivtools.gap.floor import folds, measure, prepared
-from ivtools.gap.floor.floor import _refit
+from ivtools.gap.floor.floor import _refit, events, lasting
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
 from ivtools.gap.rules import SWINGING, Rules
@@ -414,3 +414,23 @@ def test_effects_that_share_a_gap_are_found_together(seed, pair, monkeypatch):
     assert set(iv.diagnose(one, loop, two).effects) == set(pair)
     monkeypatch.setattr(selection, "_pair", lambda *_: [])
     assert iv.diagnose(one, loop, two).effects == ()
+
+
+@pytest.mark.parametrize("dt", [2e-4, 1e-3, 5e-3])
+def test_a_weak_force_that_acts_for_a_while_stands_out_of_noise_and_noise_alone_does_not(dt):
+    count, spent, seen, false = round(25.0 / dt), [], 0, 0
+    keep = np.ones(count, dtype=bool)
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        white = rng.normal(size=count)
+        false += bool(lasting(white, keep, dt).any())
+        start = int(rng.uniform(1.0, 22.0) / dt)
+        acts = slice(start, start + round(1.0 / dt))
+        pushed = white.copy()
+        pushed[acts] += 10.0 / np.sqrt(0.5 / dt)  # of ten deviations in a window of half a second
+        found = lasting(pushed, keep, dt)
+        seen += bool(found[acts].any())
+        spent.append(float(np.mean(found)))
+        assert not events(pushed, keep, dt)[acts].any() or dt > 1e-3
+    assert false <= 1 and seen >= 38
+    assert max(spent) < 0.15

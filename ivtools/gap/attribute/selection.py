@@ -346,8 +346,8 @@ def _names_kept(
     laws : Laws, optional
         Where nothing is left, there is no such force.
     groups : sequence of sequence of Trial
-        What gets each name, or two at once. One that has what no smooth law could have is not
-        outdone by such a law.
+        What gets each name, or two at once. One that has what no smooth law could have, or stands
+        beside one, is not outdone by such a law.
     rules : Rules
     least : int
 
@@ -355,7 +355,10 @@ def _names_kept(
     1984, section 3.4.3: the one-standard-error rule.
     """
     left = [] if laws is None else threaded(lambda fits: fitted(fits, laws), models)
-    own = [any(t.unlike > UNLIKE_SMOOTH or (left and t.stands) for t in group) for group in groups]
+
+    def own(group: Sequence[Trial]) -> bool:
+        """Whether one of these effects has what a force without a name has not."""
+        return any(t.unlike > UNLIKE_SMOOTH or t.stands for t in group)
 
     def told(k: int) -> bool:
         """Whether what gets the k-th name is none of use, if it may be one."""
@@ -380,8 +383,9 @@ def _names_kept(
             return True
         if any(better(other, left[k]) for other in left[least:k]):
             return False
-        smooth = least == 0 and not any(own[:k])
-        return not smooth or not _outdone(models[0], models[k], left[0], left[k], rules)
+        if least or not _outdone(models[0], models[k], left[0], left[k], rules):
+            return True
+        return any(map(own, groups[:k]))
 
     return next((k for k in range(len(models) - 1, least, -1) if holds(k)), least)
 
