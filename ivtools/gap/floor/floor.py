@@ -150,7 +150,9 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
             )
         rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt))
     white = fir(whitener, rest)
-    mask = events(white, keep, dt) | lasting(white, keep, dt)
+    mask = events(white, keep, dt)
+    if not mask.any():  # what short windows show has sharper ends there
+        mask = lasting(white, keep, dt)
     period = reference_period(fold.record)
     return Floor(
         whitener=whitener,
