@@ -304,6 +304,10 @@ def advantage(fits: Sequence[Fit], before: Spline, after: Spline) -> float:
     return block_t(np.concatenate([f.fold.block_sums(a**2 - b**2) for f, a, b in pairs]))
 
 
+#: The force without a name in what a fit and that of the other fold leave, while they are there.
+_BESIDE: WeakKeyDictionary[Fit, tuple[Fit, Spline | None]] = WeakKeyDictionary()
+
+
 def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
     """Whether an effect is as large beside a force without a name as by itself, on each fold.
 
@@ -334,10 +338,6 @@ def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
         if not 1.0 / AS_LARGE <= -float(own @ e) / energy <= AS_LARGE:
             return False
     return True
-
-
-#: The force without a name in what a fit and that of the other fold leave, while they are there.
-_BESIDE: WeakKeyDictionary[Fit, tuple[Fit, Spline | None]] = WeakKeyDictionary()
 
 
 def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ...]:
