@@ -398,7 +398,7 @@ UNLIKE_SMOOTH = 0.5
 #: Share of what an effect changes that a force without a name, fitted beside it, must not have, and
 #: the factor by which its amplitude there may differ from that by itself (training: of 30 names of
 #: forces without one, which replicate by themselves, two are inside; of 25 true ones, lost behind
-#: something else, six).
+#: something else, ten).
 UNSHARED, AS_LARGE = 0.05, 1.67
 #: Share of a line's gain that smooth laws may add where there is nothing but the line (judgement:
 #: a curve that is no sine leaves more).
