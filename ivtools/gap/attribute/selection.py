@@ -19,7 +19,7 @@ from ...loop import ClosedLoop
 from ...physics import Term
 from ...workers import threaded
 from ..candidate import Trial, frozen
-from ..discrepancy import Laws, Spline, advantage, fitted, least_t, nothing, of_use
+from ..discrepancy import Laws, Spline, advantage, least_t, nothing
 from ..fit import Fit, common, gauss_newton, of_effect, steps
 from ..fold import Side
 from ..library import library
@@ -164,12 +164,9 @@ class Attribution:
         found = [r.best.held for r in self.rounds if r.best is not None]
         without = [fits for fits in found if trial.name not in _effects(fits)]
         models = [common(fits) for fits in (self.base, *without, self.full or self.held)]
-        *others, own = (fitted(fits, self.laws) for fits in models)
+        *others, own = map(self.laws.fitted, models)
         least = least_t(trial.gain)
-        return all(
-            _spared(models[0], other, own) or advantage(models[0], other, own) > least
-            for other in others
-        )
+        return all(_worth(models[0], other, own) > least for other in others)
 
     @cached_property
     def pvalues(self) -> dict[str, float]:
@@ -356,7 +353,7 @@ def _names_kept(
     L. Breiman, J. H. Friedman, R. A. Olshen, C. J. Stone, "Classification and Regression Trees",
     1984, section 3.4.3: the one-standard-error rule.
     """
-    left = [] if laws is None else threaded(lambda fits: fitted(fits, laws), models)
+    left = [] if laws is None else threaded(laws.fitted, models)
 
     def own(group: Sequence[Trial]) -> bool:
         """Whether one of these effects has what a force without a name has not."""
@@ -373,9 +370,7 @@ def _names_kept(
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""
         alike = more.cost - fewer.cost <= TIE * (cost(models[0]) - fewer.cost)
-        if alike or _spared(models[0], fewer, more):
-            return False
-        return advantage(models[0], fewer, more) < -STANDARD_ERRORS
+        return not alike and _worth(models[0], fewer, more) < -STANDARD_ERRORS
 
     def holds(k: int) -> bool:
         """Whether so many names do."""
@@ -402,7 +397,7 @@ def _not_use(before: tuple[Fit, ...], after: tuple[Fit, ...]) -> bool:
     """
     laws = Laws.of(before)
     return laws is None or (
-        advantage(before, of_use(before, laws), nothing(after)) >= STANDARD_ERRORS
+        advantage(before, laws.of_use(before), nothing(after)) >= STANDARD_ERRORS
     )
 
 
@@ -415,13 +410,17 @@ def _short(base: tuple[Fit, ...], held: tuple[Fit, ...], law: Spline, rules: Rul
     return cost(held) - law.cost > margin * (cost(base) - law.cost)
 
 
-def _spared(base: tuple[Fit, ...], plain: Spline, both: Spline) -> bool:
-    """Whether names spare a force without one some of the signals that it needs without them.
+def _worth(base: tuple[Fit, ...], plain: Spline, both: Spline) -> float:
+    """Return the block t value by which a force without a name is better with names before it.
 
-    What needs several may be like anything, so it may be a little better and yet not what is there.
+    Infinite where they spare it some of the signals that it needs without them, and it is hardly
+    worse: what needs several may be like anything, so it may be a little better and yet not what is
+    there.
     """
     most = SPARED * (cost(base) - plain.cost)
-    return len(both.over) < len(plain.over) >= SEVERAL and both.cost - plain.cost <= most
+    if len(both.over) < len(plain.over) >= SEVERAL and both.cost - plain.cost <= most:
+        return float("inf")
+    return advantage(base, plain, both)
 
 
 def _outdone(
@@ -442,8 +441,7 @@ def _outdone(
     return (
         _short(base, held, plain, rules)
         and advantage(base, nothing(held), plain) > least_t(saved / cost(held))
-        and advantage(base, plain, both) < DISCREPANCY_T
-        and not _spared(base, plain, both)
+        and _worth(base, plain, both) < DISCREPANCY_T
     )
 
 

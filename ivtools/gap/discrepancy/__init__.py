@@ -10,10 +10,8 @@ from .discrepancy import (
     Spline,
     advantage,
     describe,
-    fitted,
     least_t,
     nothing,
-    of_use,
     stands,
 )
 from .smooth import Basis, Columns, a_line, beside, other_waves, smooth_rest, unlike_smooth
@@ -28,10 +26,8 @@ __all__ = [
     "advantage",
     "beside",
     "describe",
-    "fitted",
     "least_t",
     "nothing",
-    "of_use",
     "other_waves",
     "smooth_rest",
     "stands",

@@ -13,9 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +111,7 @@ def describe(fits: Sequence[Fit], laws: Laws | None = None) -> Discrepancy | Non
         Made along the motion of a model much like it; without them, along its own.
     """
     laws = laws or Laws.of(fits)
-    found = fitted(fits, laws) if laws is not None else None
+    found = laws.fitted(fits) if laws is not None else None
     if laws is None or found is None or not found.over:
         return None
     forces = found.force()
@@ -145,8 +144,8 @@ class Laws:
         Their products with each other.
     swings : tuple of Swings
         Loads that may hang from the axis.
-    splines : dict
-        Those that were fitted to what models leave, by their fits.
+    searches : dict
+        Those of splines in what models leave, by their fits.
     """
 
     basis: Basis
@@ -156,11 +155,17 @@ class Laws:
     answers: tuple[Array, ...]
     squares: tuple[Array, ...]
     swings: tuple[Swings, ...]
-    splines: dict[tuple[Fit, ...], Spline] = field(default_factory=dict, init=False)
+    searches: dict[tuple[Fit, ...], _Search] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Laws | None:
         """Return the laws along the motion of fits, one on each fold; None if a loop diverges."""
+        first, *others = fits
+        return first.once(("laws", *others), lambda: cls._along(fits))
+
+    @classmethod
+    def _along(cls, fits: Sequence[Fit]) -> Laws | None:
+        """Return the laws along the motion of fits, made anew."""
         runs = tuple(f.fold.simulate(f.loop, f.values) for f in fits)
         if not all(r.finite for r in runs) or any(f.fold.response is None for f in fits):
             return None
@@ -174,6 +179,24 @@ class Laws:
         squares = tuple(threaded(lambda A: A.T @ A, answers))
         swings = tuple(threaded(_swings, fits, runs))
         return cls(basis, runs, forces, place, answers, squares, swings)
+
+    def fitted(self, fits: Sequence[Fit]) -> Spline:
+        """Return the spline in what fits leave, one on each fold, that predicts the other best.
+
+        What it may depend on is added one by one, the most telling first, as long as held-out data
+        are significantly better predicted: columns without need cost more than they bring.
+        """
+        return self._search(fits).best
+
+    def of_use(self, fits: Sequence[Fit]) -> Spline:
+        """Return the same of friction that remembers how much the axis moved."""
+        return self._search(fits).of_use
+
+    def _search(self, fits: Sequence[Fit]) -> _Search:
+        """Return the search in what fits leave, made once."""
+        if (known := self.searches.get(tuple(fits))) is None:
+            known = self.searches.setdefault(tuple(fits), _Search(fits, self))
+        return known
 
 
 def _places(parts: Mapping[str, Array], first: int = 0) -> dict[str, NDArray[np.int_]]:
@@ -236,51 +259,6 @@ def nothing(fits: Sequence[Fit]) -> Spline:
     return Spline((), 0.0, tuple(beside(f, f.e[:, None])[:, 0] for f in fits))
 
 
-def of_use(fits: Sequence[Fit], laws: Laws) -> Spline:
-    """Return the friction that remembers how much the axis moved and predicts the other fold best.
-
-    Parameters
-    ----------
-    fits : sequence of Fit
-        One on each fold.
-    laws : Laws
-        What it is made of.
-    """
-    search = _Search(fits, laws)
-    return search.spline(search.over(*[(n,) for n in OF_USE], OF_USE))
-
-
-def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
-    """Return the spline that predicts the other fold best.
-
-    What it may depend on is added one by one, the most telling first, as long as held-out data are
-    significantly better predicted: columns without need cost more than they bring.
-
-    Parameters
-    ----------
-    fits : sequence of Fit
-        One on each fold.
-    laws : Laws
-        What it is made of.
-    """
-    if (known := laws.splines.get(tuple(fits))) is not None:
-        return known
-    search = _Search(fits, laws)
-    now = _Step(0.0, (), [np.zeros(len(f.e)) for f in fits])
-    while then := next((s for s in search.ahead(now) if _tells(fits, search.rests, now, s)), None):
-        now = then
-    return laws.splines.setdefault(tuple(fits), search.spline(now))
-
-
-def _tells(fits: Sequence[Fit], rests: Sequence[Array], now: _Step, then: _Step) -> bool:
-    """Whether a step predicts held-out data significantly better."""
-    saved = np.concatenate([
-        f.fold.block_sums((e + a) ** 2 - (e + b) ** 2)
-        for f, e, a, b in zip(fits, rests, now.answers, then.answers, strict=True)
-    ])  # fmt: skip
-    return block_t(saved) >= least_t(then.gain - now.gain)
-
-
 def least_t(share: float) -> float:
     """Return the block t value from which such a share of the energy is saved significantly."""
     most, fewer = DISCREPANCY_MOST
@@ -304,10 +282,6 @@ def advantage(fits: Sequence[Fit], before: Spline, after: Spline) -> float:
     return block_t(np.concatenate([f.fold.block_sums(a**2 - b**2) for f, a, b in pairs]))
 
 
-#: The force without a name in what a fit and that of the other fold leave, while they are there.
-_BESIDE: WeakKeyDictionary[Fit, tuple[Fit, Spline | None]] = WeakKeyDictionary()
-
-
 def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
     """Whether an effect is as large beside a force without a name as by itself, on each fold.
 
@@ -323,11 +297,9 @@ def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
 
     R. Frisch, F. V. Waugh, Econometrica 1(4), 1933: a coefficient beside other regressors.
     """
-    one, two = before
-    if (known := _BESIDE.get(one)) is None or known[0] is not two:
-        laws = Laws.of(before)
-        known = _BESIDE[one] = two, None if laws is None else fitted(before, laws)
-    if (law := known[1]) is None or not law.over:  # nothing was there to stand beside
+    laws = Laws.of(before)
+    law = None if laws is None else laws.fitted(before)
+    if law is None or not law.over:  # nothing was there to stand beside
         return False
     changes = [beside(b, (h.e - b.e)[:, None])[:, 0] for b, h in zip(before, held, strict=True)]
     errors = [beside(b, b.e[:, None])[:, 0] for b in before]
@@ -432,6 +404,29 @@ class _Search:
         self.energy = sum(float(e @ e) for e in self.rests)
         rough = {n: basis.penalty(n, len(p)) for n, p in self.place.items()}
         self.rough = {n: R.T @ R for n, R in rough.items()}
+        self.folds = [f.fold for f in fits]
+
+    @cached_property
+    def best(self) -> Spline:
+        """The spline that predicts the other fold best."""
+        now = _Step(0.0, (), [np.zeros(len(e)) for e in self.rests])
+        while then := next((s for s in self.ahead(now) if self._tells(now, s)), None):
+            now = then
+        return self.spline(now)
+
+    @cached_property
+    def of_use(self) -> Spline:
+        """The best of splines over how much the axis moved before."""
+        several = [*[(n,) for n in OF_USE], OF_USE]
+        return self.spline(self._step(max(map(self._best, several), key=lambda x: x.gain)))
+
+    def _tells(self, now: _Step, then: _Step) -> bool:
+        """Whether a step predicts held-out data significantly better."""
+        saved = np.concatenate([
+            fold.block_sums((e + a) ** 2 - (e + b) ** 2)
+            for fold, e, a, b in zip(self.folds, self.rests, now.answers, then.answers, strict=True)
+        ])  # fmt: skip
+        return block_t(saved) >= least_t(then.gain - now.gain)
 
     def ahead(self, now: _Step) -> Iterator[_Step]:
         """Yield the splines over one more signal that gain something, the best one first."""
@@ -440,10 +435,6 @@ class _Search:
             if found.gain <= now.gain:
                 return
             yield self._step(found)
-
-    def over(self, *several: tuple[str, ...]) -> _Step:
-        """Return the best of splines over these signals."""
-        return self._step(max(map(self._best, several), key=lambda x: x.gain))
 
     def spline(self, step: _Step) -> Spline:
         """Return what a step leaves."""
