@@ -11,13 +11,12 @@ from ..candidate import Trial
 from ..fit import Fit
 from ..rules import (
     ENOUGH,
-    EVEN,
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     MOST_DISAGREEMENT,
     OUTDONE,
     SUREST,
-    UNLIKE_SMOOTH,
+    UNEVEN_LEFT,
     UNLIKELY,
     UNNAMED,
     WEIGHTS,
@@ -119,17 +118,15 @@ def features(proof: Evidence) -> dict[str, float]:
     """Return the evidence on the scales on which it adds up."""
     removed = proof.gain * proof.left / max(1.0 - proof.gain, LEAST_EVIDENCE)
     gap = max(removed + max(proof.left - 1.0, 0.0), 1e-9)  # what was left to explain before it
-    told = proof.stands or proof.unlike > UNLIKE_SMOOTH or (proof.needed and proof.evenness > EVEN)
-    nameless = proof.explained < ENOUGH and not told  # a smooth law without a name may be behind it
     alone = not proof.stands
-    doubt = nameless * (1.0 - proof.unlike)
+    doubt = alone * (1.0 - proof.unlike)  # a smooth law without a name may be behind it
+    even = proof.evenness * max(proof.left, 1.0) ** UNEVEN_LEFT
     return {
-        "gain": float(np.log(max(proof.gain, LEAST_EVIDENCE))),
         "t": float(np.log(max(proof.t, 1.0))),
         "disagreement": float(np.log(min(max(proof.disagreement, 1.0), MOST_DISAGREEMENT))),
         "rival": alone * float(np.clip(proof.rival, 0.0, 1.0)),
         "share": alone * proof.unlike * float(np.log(np.clip(removed / gap, LEAST_EVIDENCE, 1.0))),
-        "evenness": doubt * float(np.log(np.clip(proof.evenness, LEAST_EVENNESS, 1.0))),
+        "evenness": doubt * float(np.log(np.clip(even, LEAST_EVENNESS, 1.0))),
     }
 
 
