@@ -82,14 +82,14 @@ def test_evidence_counts_in_the_right_direction():
         assert probability(Evidence(**{**weak.to_dict(), **better})) > probability(weak)
 
 
-def test_what_is_left_speaks_only_against_a_name_that_a_smooth_law_could_stand_for():
-    proof = Evidence(gain=0.06, t=12.0, disagreement=1.05, rival=0.1, share=0.2, left=1.7,
-                     explained=0.5, unlike=0.1, evenness=0.2, needed=False)  # fmt: skip
+def test_uneven_blocks_speak_only_against_a_name_that_a_smooth_law_could_stand_for():
+    proof = Evidence(gain=0.06, t=12.0, disagreement=1.05, rival=0.1, share=0.9, left=1.0,
+                     unlike=0.1, evenness=0.2)  # fmt: skip
     doubted = probability(proof)
-    assert doubted < LIKELY < probability(replace(proof, needed=True))
-    assert probability(replace(proof, explained=0.95)) == probability(replace(proof, needed=True))
-    assert doubted < probability(replace(proof, unlike=0.9))
-    assert probability(replace(proof, needed=True, evenness=0.03)) < LIKELY
+    assert doubted < LIKELY < probability(replace(proof, evenness=0.9))
+    assert doubted < LIKELY < probability(replace(proof, unlike=0.9))
+    assert doubted < LIKELY < probability(replace(proof, stands=True))
+    assert doubted < probability(replace(proof, left=1.5))  # what is left makes any blocks uneven
 
 
 def test_a_name_that_another_effect_outdoes_is_none_while_a_gap_is_left():

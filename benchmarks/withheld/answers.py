@@ -8,6 +8,7 @@ import warnings
 from typing import Any
 
 from .cases import Case, draw
+from .recorder import attributions, names
 from .scores import score
 from .suites import MEASURED, Task
 from .truth import measure
@@ -40,7 +41,8 @@ def diagnosed(case: Case, task: Task, truth: bool) -> dict[str, Any]:
     )
     left_out = task.effects if task.suite == "outside" else ()
     wall, cpu = time.perf_counter(), time.process_time()
-    gap = iv.diagnose(first, loop, holdout=second, without=left_out)
+    with attributions() as seen:
+        gap = iv.diagnose(first, loop, holdout=second, without=left_out)
     times = {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
     found = gap.to_dict()
     figures = measure(case, gap, loop) if truth and task.suite in MEASURED else None
@@ -49,5 +51,6 @@ def diagnosed(case: Case, task: Task, truth: bool) -> dict[str, Any]:
         "time": times,
         "truth": None if figures is None else figures.to_dict(),
         "floors": [{"noise": f.noise, "generic": f.generic} for f in gap.floors],
+        "names": [n for a in seen[-1:] for n in names(a, case.label["effects"])],
         "found": {k: v for k, v in found.items() if k not in ("where", "advice")},
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 from unittest.mock import patch
@@ -22,3 +22,22 @@ def attributions() -> Iterator[list[Any]]:
 
     with patch.object(begun, "attribute", noted):
         yield seen
+
+
+def names(found: Any, truth: Collection[str]) -> Iterator[dict[str, Any]]:
+    """Yield the evidence for the best effect of every round, given as a name or not.
+
+    Parameters
+    ----------
+    found : Attribution
+    truth : collection of str
+        The effects that are there: a name is right if it or what is not told from it is.
+    """
+    from ivtools.gap.attribute import cost
+
+    for r in found.rounds:
+        if r.best is None:
+            continue
+        alike = {r.best.name, *(t.name for t in r.rivals(found.rules, cost(found.held)))}
+        told = {"name": r.best.name, "given": r.best.name in found.named}
+        yield {**told, "right": bool(alike & {*truth}), **found.proof(r, r.best).to_dict()}

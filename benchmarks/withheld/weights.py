@@ -1,117 +1,94 @@
 """Weights: what turns the evidence for a name into a probability.
 
-    python -m benchmarks.withheld.weights --first 300 --count 2 --folder build/withheld
+    python -m benchmarks.withheld.weights build/withheld
 
-draws training cases of every suite, notes the evidence for the best candidate of every round of
-the selection, named or not, and whether it is in the truth, and fits a logistic regression.
-`ivtools.gap.rules.WEIGHTS` holds what it prints.
+fits a logistic regression to the evidence that a run has noted for the best effect of every round
+of the selection, given as a name or not, and prints its weights and, of each seed by those of the
+others, how often names of each stated probability were right. `ivtools.gap.rules.WEIGHTS` holds
+such weights. An effect that is left out of the library has no name that could be right: `outside`
+is not asked.
 """
 
 from __future__ import annotations
 
-import os
+import argparse
+from pathlib import Path
+from typing import Any
 
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")  # before numpy is imported, here and in the workers
+import numpy as np
+from numpy.typing import NDArray
 
-import argparse  # noqa: E402
-import json  # noqa: E402
-import warnings  # noqa: E402
-from collections.abc import Iterator  # noqa: E402
-from pathlib import Path  # noqa: E402
-from typing import Any  # noqa: E402
+from .run import read
 
-import numpy as np  # noqa: E402
-
-from .cases import draw  # noqa: E402
-from .recorder import attributions  # noqa: E402
-from .run import read  # noqa: E402
-from .suites import SUITES, Task  # noqa: E402
-
-TRAINING = ("single", "two", "background", "small", "none", "unknown")
-_RIDGE = 1.0  # of the standardised weights, against the count of candidates
+_RIDGE = 1.0  # of the standardised weights, against the count of names
+_FOLDS = 6
+_BINS = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 
 
-def candidates(task: Task) -> list[dict[str, Any]]:
-    """Return a row of evidence for the best candidate of every round, and whether it is true."""
-    warnings.simplefilter("ignore")
-
-    import ivtools as iv
-    from ivtools.loop.axis_file import from_tables
-
-    case = draw(task)
-    records = [iv.Record.from_dict(r, name=n) for r, n in zip(case.records, "ab", strict=True)]
-    with attributions() as seen:
-        iv.diagnose(records[0], from_tables(case.axis.tables()), holdout=records[1])
-    return [row for found in seen[-1:] for row in _rows(task, found)]
+def rows(folder: Path) -> list[dict[str, Any]]:
+    """Return the evidence in the results of a run, with the seed of each."""
+    found = (r for p in sorted(folder.glob("*.jsonl")) for r in read(p))
+    return [
+        {"seed": r["seed"], **name}
+        for r in found
+        if r["suite"] != "outside"
+        for name in r.get("names", ())
+    ]
 
 
-def _rows(task: Task, found: Any) -> Iterator[dict[str, Any]]:
-    from ivtools.gap.attribute import cost
-
-    for r in found.rounds:
-        if not r.trials:
-            continue
-        best = r.best or max(r.trials, key=lambda t: t.gain)
-        names = {best.name, *(t.name for t in r.rivals(found.rules, cost(found.held)))}
-        right = bool(names & {*task.effects})
-        proof = found.proof(r, best).to_dict()
-        yield {"key": task.key, "named": r.best is not None, "right": right, **proof}
-
-
-def fit(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Return the weights of a logistic regression with a small ridge."""
-    from scipy.optimize import minimize
-
+def design(found: list[dict[str, Any]]) -> tuple[list[str], NDArray[np.float64]]:
+    """Return names and values of the regressors, (n, p)."""
     from ivtools.gap.attribute import Evidence, features
 
-    names = list(features(Evidence(0.1, 10.0, 1.0, 0.0, 0.1, 1.0)))
-    X = np.array([[features(_evidence(r))[n] for n in names] for r in rows])
-    y = np.array([r["right"] for r in rows], dtype=float)
-    mean, scale = X.mean(axis=0), X.std(axis=0)
+    kinds = Evidence.__dataclass_fields__
+    X = [features(Evidence(**{n: row[n] for n in kinds})) for row in found]
+    return list(X[0]), np.array([[*x.values()] for x in X])
+
+
+def fit(X: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return constant and slopes of a logistic regression with a small ridge, (1 + p,)."""
+    from scipy.optimize import minimize
+
+    mean, scale = X.mean(axis=0), np.maximum(X.std(axis=0), 1e-9)
     Z = (X - mean) / scale
 
-    def loss(w: np.ndarray) -> float:
+    def loss(w: NDArray[np.float64]) -> float:
         z = Z @ w[1:] + w[0]
         return float(np.sum(np.logaddexp(0.0, z) - y * z) + 0.5 * _RIDGE * w[1:] @ w[1:])
 
-    w = minimize(loss, np.zeros(len(names) + 1)).x
+    w = minimize(loss, np.zeros(X.shape[1] + 1)).x
     slopes = w[1:] / scale
-    constant = float(w[0] - slopes @ mean)
-    return {"constant": constant, **dict(zip(names, slopes.tolist(), strict=True))}
+    return np.array([w[0] - slopes @ mean, *slopes])
 
 
-def _evidence(row: dict[str, Any]) -> Any:
-    from ivtools.gap.attribute import Evidence
-
-    return Evidence(**{n: row[n] for n in Evidence.__dataclass_fields__})
+def crossed(
+    X: NDArray[np.float64], y: NDArray[np.float64], seeds: NDArray[np.int_]
+) -> NDArray[np.float64]:
+    """Return the probability of each name by weights from other seeds, (n,)."""
+    p = np.zeros(len(y))
+    for k in range(_FOLDS):
+        out = seeds % _FOLDS == k
+        w = fit(X[~out], y[~out])
+        p[out] = 1.0 / (1.0 + np.exp(-w[0] - X[out] @ w[1:]))
+    return p
 
 
 def main() -> None:
-    """Draw, diagnose, fit, print."""
-    from joblib import Parallel, delayed
-
+    """Read, fit, print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--first", type=int, default=300)
-    parser.add_argument("--count", type=int, default=2)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--folder", type=Path, default=Path("build/withheld"))
-    args = parser.parse_args()
-    path = args.folder / "evidence.jsonl"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    there = {r["key"] for r in read(path)}
-    seeds = range(args.first, args.first + args.count)
-    tasks = [t for suite in TRAINING for t in SUITES[suite](seeds) if t.key not in there]
-    work = Parallel(n_jobs=args.jobs, return_as="generator_unordered")(
-        delayed(candidates)(t) for t in tasks
-    )
-    with path.open("a") as file:
-        for rows in work:
-            file.writelines(json.dumps(r) + "\n" for r in rows)
-            file.flush()
-    rows = list(read(path))
-    print(len(rows), "candidates,", sum(r["right"] for r in rows), "true")
-    print({n: round(w, 3) for n, w in fit(rows).items()})
+    parser.add_argument("folder", type=Path)
+    found = rows(parser.parse_args().folder)
+    names, X = design(found)
+    y = np.array([r["right"] for r in found], dtype=float)
+    print(len(found), "names,", int(y.sum()), "right")
+    weights = fit(X, y).tolist()
+    print({n: round(w, 2) for n, w in zip(["constant", *names], weights, strict=True)})
+    p = crossed(X, y, np.array([r["seed"] for r in found]))
+    for low, high in zip(_BINS[:-1], _BINS[1:], strict=True):
+        inside = (p >= low) & (p < high if high < 1.0 else True)
+        if inside.any():
+            told = f"{inside.sum():5d} at {p[inside].mean():.2f}: right {y[inside].mean():.2f}"
+            print(f"{low:.2f} to {high:.2f}: {told}")
 
 
 if __name__ == "__main__":

@@ -49,8 +49,6 @@ class Evidence:
         further sensor in the law has measured is no function of the state: 1.
     evenness : float
         How well the blocks of the records agree in its amplitude: 1 is as well as noise lets them.
-    needed : bool
-        Whether a force without a name predicts held-out data significantly worse without it.
     stands : bool
         Whether its amplitude is the same beside a force without a name, if that was asked: then
         what else is in the gap is not asked for.
@@ -65,7 +63,6 @@ class Evidence:
     explained: float = 1.0
     unlike: float = 1.0
     evenness: float = 1.0
-    needed: bool = True
     stands: bool = False
 
     @property
@@ -83,7 +80,6 @@ def evidence(
     rivals: Sequence[Trial],
     base: Sequence[Fit],
     held: Sequence[Fit] = (),
-    needed: bool = True,
 ) -> Evidence:
     """Return what speaks for the effect of a trial.
 
@@ -96,8 +92,6 @@ def evidence(
         The model without any effect.
     held : sequence of Fit
         The model with all that is named; without it, all that is left may yet get a name.
-    needed : bool
-        Whether a force without a name is significantly worse without the effect.
     """
     whole = max(float(np.mean([b.cost for b in base])) - 1.0, 1e-9)
     return Evidence(
@@ -110,7 +104,6 @@ def evidence(
         explained=1.0 - max(cost(held) - max(lawless(base), UNNAMED), 0.0) / whole if held else 1.0,
         unlike=trial.unlike,
         evenness=trial.evenness(held) if held else 1.0,
-        needed=needed,
     )
 
 

@@ -151,22 +151,8 @@ class Attribution:
     def proof(self, r: Round, trial: Trial) -> Evidence:
         """Return what speaks for one of the effects that were tried in a round."""
         others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
-        found = _proof(trial, others, self.base, self.full or self.held, self._needed(trial))
+        found = _proof(trial, others, self.base, self.full or self.held)
         return replace(found, unlike=1.0) if trial.name == r.measured else found
-
-    def _needed(self, trial: Trial) -> bool:
-        """Whether a force without a name is significantly worse without the effect of a trial.
-
-        That is, beside any model of the rounds that has not got it, compared with all names.
-        """
-        if self.laws is None:
-            return True
-        found = [r.best.held for r in self.rounds if r.best is not None]
-        without = [fits for fits in found if trial.name not in _effects(fits)]
-        models = [common(fits) for fits in (self.base, *without, self.full or self.held)]
-        *others, own = map(self.laws.fitted, models)
-        least = least_t(trial.gain)
-        return all(_worth(models[0], other, own) > least for other in others)
 
     @cached_property
     def pvalues(self) -> dict[str, float]:
@@ -502,17 +488,16 @@ def _proof(
     others: Sequence[Trial],
     base: tuple[Fit, ...],
     held: tuple[Fit, ...] = (),
-    needed: bool = True,
 ) -> Evidence:
     """Return the evidence for an effect; where it leaves doubt, also whether the effect stands.
 
     What does not stand beside a force without a name is no rival of what does.
     """
-    found = evidence(trial, others, base, held, needed)
+    found = evidence(trial, others, base, held)
     if probability(found) >= LIKELY or not trial.stands:
         return found
     rivals = [t for t in others if t.gain > trial.gain and t.stands]
-    return replace(evidence(trial, rivals, base, held, needed), stands=True)
+    return replace(evidence(trial, rivals, base, held), stands=True)
 
 
 def _backward(
@@ -540,10 +525,6 @@ def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:
     """
     rest, floor = cost(held), lawless(base)
     return rest >= min(CLEAN, MORE * floor) or rest - floor > (1.0 - ENOUGH) * (cost(base) - 1.0)
-
-
-def _effects(fits: Sequence[Fit]) -> set[str]:
-    return {t.name for t in fits[0].loop.terms}
 
 
 def _without(side: Side, fit: Fit, name: str) -> Fit:
