@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal, stats
+from scipy import fft, ndimage, signal, stats
 
 from ...errors import EstimationError
 from ...limits import LARGEST
@@ -357,9 +357,8 @@ def _deviation(x: Array, full: Mask, least: float | None = None) -> Array:
 
 def _around(bad: Mask, width: int, keep: Mask) -> Mask:
     """Return the samples of windows, of those beside them, and of no others, (n_samples,)."""
-    bad = bad | np.roll(bad, 1) | np.roll(bad, -1) if bad.any() else bad
     mask = np.zeros(len(keep), dtype=bool)
-    mask[: len(bad) * width] = np.repeat(bad, width)
+    mask[: len(bad) * width] = np.repeat(ndimage.binary_dilation(bad), width)
     return mask & keep
 
 
