@@ -65,6 +65,8 @@ PARITY_BLOCKS = 40
 
 # --- preflight: is the input fit to be judged? ------------------------------------------------
 
+#: Travel of the reference, of the largest position, up to which it stands still (numerics).
+NO_MOTION = 1e-9
 #: Seconds of usable motion at least (training: below, no effect replicates).
 LEAST_TIME = 3.0
 #: Samples of usable motion at least (theory: fifty per coefficient of the noise model).
@@ -146,6 +148,9 @@ STRETCHES = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 SWINGS = 5.0
 #: The same at least, in periods of the record, and at most, of the sampling rate (numerics).
 LEAST_SWINGS, SWING_RATE = 4.0, 0.2
+#: Periods of the cut-off that are left out at either end, and of the record at most (numerics:
+#: there the low-pass sees one side only).
+SWING_EDGE, LARGEST_EDGE = 0.5, 0.25
 #: Share of the acceleration's remainder that gravity must explain on the other half (judgement).
 HANGS = 0.5
 #: Factor between the two halves' gravity over inertia at most (as for other effects).
@@ -201,6 +206,10 @@ LINE_SPEEDS = 40
 LINE_TOP, HIGH_SPEED = 0.35, 0.9
 #: Energy that any line has, of the largest: fainter ones are not raised above it (numerics).
 FAINT_LINE = 1e-3
+#: Samples of the spectrum in which that energy is looked up (numerics).
+LINE_SPECTRUM = 1 << 14
+#: Periods over the stroke by which one line differs from the next (theory: width of a main lobe).
+LINES_APART = 2
 #: Periods that a stroke must hold at least for a line (theory: it must come twice).
 LINE_PERIODS = 2.0
 #: Bins over a period of a line at least, and bumps over it that are another law (theory: two are
@@ -216,6 +225,8 @@ WINDOW = 0.1
 LEAST_WINDOW = 50
 #: Frequency, Hz, below and above which a window must be quiet (EMPS: band of the position loop).
 SPLIT_HZ = 12.0
+#: The same at most, of half the sampling rate (numerics: a low-pass must be below it).
+SPLIT_RATE = 0.9
 #: Quantile of the windows that count as quiet (training).
 QUIET = 0.7
 #: Share of a window that must count for its energy to: of quiet ones, and of events (training).
@@ -251,6 +262,9 @@ PERIODIC = 1e-4
 ANOTHER, DEEPEST = 0.1, 200
 #: Samples that two passes or records must share for their difference to be a floor (training).
 LEAST_PAIRS = 100
+#: Difference of references and known inputs, of the largest, up to which two records are of one
+#: motion (numerics: rounding).
+SAME_MOTION = 1e-9
 #: Stretches, and share of a record, that an outside force may take (training).
 FEW_EVENTS, EVENT_TIME = 5, 0.25
 
@@ -336,6 +350,8 @@ UNNAMED = 1.02
 #: Share of the gain by which effects differ at most that do equally well (judgement: gravity and
 #: a spring over a short arc differ by 1e-5 to 0.003; of 203 recorded cases no other two do).
 TIE = 0.005
+#: Effects of the screening that are fitted first; the others only as rivals of these (cost).
+AT_FIRST = 2
 #: Of the best gain in the screening: what is below is not its rival (training).
 RIVAL = 0.35
 #: An effect is fitted if the screening gives it this share of the least gain of a name (training).
@@ -492,6 +508,11 @@ ALL_CLOSED = 0.97
 CORRECTED = 0.98
 #: Growth of what one of two effects cannot imitate that makes a motion worth advice (taste).
 BETTER_MOTION = 1.3
+#: Motions that are tried for that: how many times slower one is, and between which paces, of the
+#: record's, and how often another one sweeps.
+SLOWER, PACES, SWEEPS = 3.0, (0.1, 1.0), 3
+#: And a dither: its band, Hz, how many lines it has, and its size, of the largest command.
+DITHER_HZ, DITHER_LINES, DITHER = (3.0, 50.0), 12, 0.1
 #: Seconds around a reversal or an edge of a pulse (physics: break-away).
 NEAR_REVERSAL = 0.05
 #: Share of the largest acceleration from which the axis accelerates (taste).

@@ -48,8 +48,10 @@ from ..rules import (
     PER_COEFFICIENT,
     PERIODIC,
     QUIET,
+    SAME_MOTION,
     SHOWN,
     SPLIT_HZ,
+    SPLIT_RATE,
     SWINGING,
     WINDOW,
 )
@@ -225,7 +227,7 @@ def _windows(
 
 def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows that are quiet above and below 12 Hz."""
-    sos = signal.butter(2, min(2 * SPLIT_HZ * dt, 0.9), output="sos")
+    sos = signal.butter(2, min(2 * SPLIT_HZ * dt, SPLIT_RATE), output="sos")
     low = signal.sosfiltfilt(sos, x)
     good = np.ones(0, dtype=bool)
     for part in (low, x - low):
@@ -423,7 +425,7 @@ def _same(one: Record, two: Record) -> bool:
         return False
     pairs = [(one.q_ref, two.q_ref), (one.added, two.added)]
     filled = [[np.zeros(1) if x is None else x for x in pair] for pair in pairs]
-    return all(bool(np.max(np.abs(x - y)) <= 1e-9 * np.max(np.abs(x))) for x, y in filled)
+    return all(bool(np.max(np.abs(x - y)) <= SAME_MOTION * np.max(np.abs(x))) for x, y in filled)
 
 
 def _difference(x: Array, y: Array, keep: Mask) -> float | None:
