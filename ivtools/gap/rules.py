@@ -654,6 +654,7 @@ class Rules:
         """
 
         def agreed(least: Threshold) -> Threshold:
+            """Return a threshold that asks for the agreement of a steady effect at least."""
             return replace(least, agreement=min(least.agreement, self.steady.agreement))
 
         return replace(

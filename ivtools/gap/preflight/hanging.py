@@ -111,6 +111,7 @@ def _columns(record: Record, loop: ClosedLoop, cutoff: float) -> tuple[Array, Ar
     sos = signal.butter(2, cutoff, fs=record.sampling_hz, output="sos")
 
     def low(x: Array) -> Array:
+        """Return the slow part of a signal, (n_samples,)."""
         return np.asarray(signal.sosfiltfilt(sos, x))
 
     q = low(record.q[:, 0])
