@@ -1,6 +1,10 @@
 """Which effects earn a name: what one large effect must not hide, and what is not ambiguous."""
 
+import ast
+import re
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -9,12 +13,28 @@ import ivtools as iv
 from benchmarks import moves
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
+from ivtools.gap import rules
 from ivtools.gap.attribute import Evidence, probability
 from ivtools.gap.candidate import Trial
 from ivtools.gap.rules import LIKELY, Rules
 from ivtools.loop.axis_file import from_tables
 from ivtools.physics import EFFECTS
 
+GAP = Path(rules.__file__).parent
+#: Numbers of formulas and of per cent, and what no threshold is below: guards against zero.
+ANYWHERE, NOTHING = {0.0, 0.5, 1.0, 2.0, 100.0}, 1e-5
+#: Numbers outside of the rules that decide nothing either.
+HARMLESS = {
+    "advice.py": {1.7},  # phases of a dither
+    "attribute/selection.py": {3},  # until the second of two names comes again
+    "diagnosis.py": {60, 0.01},  # letters of a line; per cent
+    "fleet/fleet.py": {4},  # lines of a table
+    "floor/floor.py": {1.4826, 9.0},  # normal deviation of a median one, and of Wilson, Hilferty
+    "page.py": {0.1, 10.0},  # digits of a share
+    "parity.py": {1e-3},  # a finite difference
+    "preflight/plausible.py": {39.37, 180.0, 1e3, 1e6},  # units
+    "verdict/answer.py": {0.01},  # per cent
+}
 SECONDS = 16.0
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 
@@ -157,3 +177,39 @@ def test_every_family_has_its_bar():
     assert rules.threshold(EFFECTS["backlash"]) is rules.everywhere
     assert rules.threshold(EFFECTS["cogging"]) is rules.periodic
     assert rules.threshold(EFFECTS["spring"]) is rules.other
+
+
+def numbers(tree: ast.AST) -> Iterator[float]:
+    """Yield the floats of a module, and the integers that something is compared with."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and type(node.value) is float:
+            yield node.value
+        for side in (node.left, *node.comparators) if isinstance(node, ast.Compare) else ():
+            if isinstance(side, ast.Constant) and type(side.value) is int:
+                yield side.value
+
+
+@pytest.mark.parametrize(
+    "file",
+    [file for file in sorted(GAP.rglob("*.py")) if file != Path(rules.__file__)],
+    ids=lambda file: str(file.relative_to(GAP)),
+)
+def test_numbers_that_decide_are_rules(file):
+    found = {x for x in numbers(ast.parse(file.read_text(encoding="utf-8"))) if x > NOTHING}
+    assert found <= ANYWHERE | HARMLESS.get(file.relative_to(GAP).as_posix(), set())
+
+
+def test_every_rule_is_used_and_stated_once():
+    tree = ast.parse(Path(rules.__file__).read_text(encoding="utf-8"))
+    stated = [
+        name.id
+        for node in tree.body
+        for name in ast.walk(node)
+        if isinstance(node, ast.Assign | ast.AnnAssign)
+        and isinstance(name, ast.Name)
+        and isinstance(name.ctx, ast.Store)
+    ]
+    others = (f.read_text(encoding="utf-8") for f in GAP.rglob("*.py") if f.name != "rules.py")
+    used = set(re.findall(r"\w+", "".join(others)))
+    assert len(stated) == len({*stated}) > 200
+    assert not {*stated} - used

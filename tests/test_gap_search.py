@@ -18,7 +18,7 @@ from ivtools.gap.floor import folds, measure, prepared
 from ivtools.gap.floor.floor import _refit, events, lasting
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
-from ivtools.gap.rules import LASTING, SWINGING, Rules
+from ivtools.gap.rules import LASTING, SWINGING, WINDOW, Rules
 from ivtools.linalg.swing import Swing, Swings
 from ivtools.loop.axis_file import from_tables
 from ivtools.physics import EFFECTS, Parameter, Term
@@ -438,3 +438,15 @@ def test_a_weak_force_that_acts_for_a_while_stands_out_of_noise_and_noise_alone_
         assert not events(pushed, keep, dt)[acts].any() or dt > 1e-3
     assert false <= 1 and seen >= 38
     assert max(spent) < 0.15
+
+
+@pytest.mark.parametrize("at_end", [True, False])
+def test_windows_beside_one_that_stands_out_do_not_go_round_the_ends_of_a_record(at_end):
+    dt, keep = 1e-3, np.ones(25_000, dtype=bool)
+    white = np.random.default_rng(0).normal(size=len(keep))
+    width = round(WINDOW / dt)
+    rows = slice(-width, None) if at_end else slice(0, width)
+    white[rows] *= 5.0
+    found = events(white, keep, dt)
+    beside = slice(-2 * width, None) if at_end else slice(0, 2 * width)
+    assert found[beside].all() and found.sum() == 2 * width

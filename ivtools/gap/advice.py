@@ -20,32 +20,44 @@ from .fit import Fit, jacobian, steps
 from .floor import Measured
 from .fold import usable
 from .library import Scales
-from .rules import BETTER_MOTION, REMARK
+from .rules import (
+    BETTER_MOTION,
+    DITHER,
+    DITHER_HZ,
+    DITHER_LINES,
+    PACES,
+    REMARK,
+    SLOWER,
+    SWEEPS,
+)
 
 Array = NDArray[np.float64]
 
 
 def _slower(record: Record) -> Record:
-    """Make the same motion at a third of the speed, with as many samples."""
+    """Make the same motion more slowly, with as many samples."""
     assert record.q_ref is not None
     n = record.n_samples
-    return _moved(record, np.interp(np.arange(n) / 3.0, np.arange(n), record.q_ref[:, 0]))
+    return _moved(record, np.interp(np.arange(n) / SLOWER, np.arange(n), record.q_ref[:, 0]))
 
 
 def _many_speeds(record: Record) -> Record:
     """Sweep the speed over the record by warping its time."""
     assert record.q_ref is not None
     n = record.n_samples
-    pace = 0.1 + 0.9 * (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n * 3))
+    low, high = PACES
+    pace = low + (high - low) * (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n * SWEEPS))
     warped = np.cumsum(pace)
     return _moved(record, np.interp(warped, np.arange(n), record.q_ref[:, 0]))
 
 
 def _dither(record: Record) -> Record:
-    """Add a command of 3 to 50 Hz, a tenth of the largest."""
+    """Add a command of many frequencies."""
     t = record.t - record.t[0]
-    size = 0.1 * float(np.max(np.abs(np.asarray(record.tau if record.nu is None else record.nu))))
-    lines = np.geomspace(3.0, 50.0, 12)
+    size = DITHER * float(
+        np.max(np.abs(np.asarray(record.tau if record.nu is None else record.nu)))
+    )
+    lines = np.geomspace(*DITHER_HZ, DITHER_LINES)
     dither = sum(np.sin(2 * np.pi * f * t + 1.7 * k * k) for k, f in enumerate(lines))
     given = record.added if record.added is not None else np.zeros((record.n_samples, 1))
     return replace(record, added=given + size * dither[:, None] / np.sqrt(len(lines)))
@@ -56,6 +68,7 @@ def _moved(record: Record, q_ref: Array) -> Record:
     return replace(record, q_ref=q_ref, q=q_ref + shift, dq_ref=None, dq=None, added=None)
 
 
+# Their numbers are those of the rules.
 EXCITATIONS: dict[str, Callable[[Record], Record]] = {
     "slow motion and reversals (a third of the speed)": _slower,
     "many speeds (a reference whose pace sweeps from 10 to 100 %)": _many_speeds,

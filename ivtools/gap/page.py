@@ -66,6 +66,7 @@ def page(diagnosis: Diagnosis) -> Page:
     out.add("The record", figures=[figures.over_time(diagnosis, "record", about)])
 
     def drawn(what: Sequence[figures.Drawn]) -> list[Picture]:
+        """Return the figures of a section, with their captions."""
         return [Picture(name, draw(diagnosis), caption) for name, draw, caption in what]
 
     out.add("Where", _WHERE, figures=drawn(figures.WHERE))

@@ -280,6 +280,7 @@ def _fit(
     wide = replace(controller, limit=np.inf)
 
     def error(x: Array) -> Array:
+        """Return the parity error at these mismatches, (n_rows,)."""
         values = dict(zip(names, x, strict=True))
         added = values.pop("added", 0.0)
         return signals.error(wide.with_mismatch(**values), delay, added)[rows]
@@ -322,6 +323,7 @@ def _material(
     rows[:PARITY_HEAD] = False
 
     def energy(values: dict[str, float]) -> float:
+        """Return the energy of the parity error that is left with these mismatches put right."""
         changed = replace(_corrected(controller, delay, values, None), limit=np.inf)
         return float(np.sum(signals.error(changed, delay, values.get("added", 0.0))[rows] ** 2))
 

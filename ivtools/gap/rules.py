@@ -1,9 +1,15 @@
 """Rules: every threshold that a diagnosis decides by, what it means, and how it was found.
 
+In the order in which a record flows through the rooms. What belongs to one effect, as its bounds
+and where a search for it begins, is in its `Term`; what belongs to an algorithm of a lower layer,
+as the rough inertia or the difference of two logs, has a name there.
+
 Sources of the values: *theory* (follows from a definition), *physics* (what machines can have),
 *training* (withheld effects of seeds below 1000, never those that are published, see
-benchmarks/withheld), *EMPS* (the measured records of the EMPS benchmark), *numerics* (rounding
-and the cost of computing).
+benchmarks/withheld), *EMPS* (the measured records of the EMPS benchmark), *numerics* (rounding,
+resolution, convergence), *cost* (of computing), *definition* or *convention* (of a word),
+*judgement* (of the cases that are named, or of none), *taste* (what is worth a word). Of a value
+without a source only the meaning is known.
 """
 
 from __future__ import annotations
@@ -47,17 +53,6 @@ LAW_BETTER = 0.5
 LAW_R2 = 0.9
 #: Error of a gain worth a name where noise of the log hides the law (judgement, not trained).
 NOISY_GAIN = 0.05
-#: R2 from which a law times a factor is this law in another unit (a worse fit is a remainder).
-UNIT_R2 = 0.98
-#: Natural frequency, Hz, of the pull to a motion without controller (physics: as of a slow servo),
-#: and at most, of the sampling rate.
-PULL_HZ = 5.0
-PULL_RATE = 0.025
-#: Damping of that pull (physics).
-PULL_DAMPING = 0.7
-#: Phase margin, degrees, below which a velocity loop is pulled to the motion too (judgement: the
-#: one of laas-motor has 1 to 4, those of ordinary drives 45 and more).
-MARGIN = 15.0
 #: Relative errors of gains between which the parity fit searches (physics).
 GAIN_RANGE = (-0.95, 9.0)
 #: Blocks of the covariance of the parity fit (theory: enough for a t value of 8).
@@ -65,6 +60,8 @@ PARITY_BLOCKS = 40
 
 # --- preflight: is the input fit to be judged? ------------------------------------------------
 
+#: Travel of the reference, of the largest position, up to which it stands still (numerics).
+NO_MOTION = 1e-9
 #: Seconds of usable motion at least (training: below, no effect replicates).
 LEAST_TIME = 3.0
 #: Samples of usable motion at least (theory: fifty per coefficient of the noise model).
@@ -89,6 +86,8 @@ SATURATED = 0.2
 OPEN_LOOP = 0.9
 #: How near a factor must come to that of a unit, relative (physics).
 UNIT_NEAR = 0.2
+#: R2 from which a law times a factor is this law in another unit (a worse fit is a remainder).
+UNIT_R2 = 0.98
 #: Samples that give a wrong unit away: of a longer record the first ones (cost).
 UNIT_SAMPLES = 1_000_000
 #: Ratio of recorded and expected command that is absurd (physics: gains stay below).
@@ -107,6 +106,30 @@ MOVING = 0.5
 SAME_AXIS = 1.3
 #: Growth of the error with the other record's inertia that makes it another axis (training).
 OTHER_INERTIA = 3.0
+
+# --- pull and hanging: where no control law holds the axis ------------------------------------
+
+#: Natural frequency, Hz, of the pull to a motion without controller (physics: as of a slow servo),
+#: and at most, of the sampling rate.
+PULL_HZ = 5.0
+PULL_RATE = 0.025
+#: Damping of that pull (physics).
+PULL_DAMPING = 0.7
+#: Phase margin, degrees, below which a velocity loop is pulled to the motion too (judgement: the
+#: one of laas-motor has 1 to 4, those of ordinary drives 45 and more).
+MARGIN = 15.0
+#: Cut-off below which gravity is looked for, in median frequencies of the motion (judgement: above
+#: harmonics of a swing).
+SWINGS = 5.0
+#: The same at least, in periods of the record, and at most, of the sampling rate (numerics).
+LEAST_SWINGS, SWING_RATE = 4.0, 0.2
+#: Periods of the cut-off that are left out at either end, and of the record at most (numerics:
+#: there the low-pass sees one side only).
+SWING_EDGE, LARGEST_EDGE = 0.5, 0.25
+#: Share of the acceleration's remainder that gravity must explain on the other half (judgement).
+HANGS = 0.5
+#: Factor between the two halves' gravity over inertia at most (as for other effects).
+HANGS_ALIKE = 1.67
 
 # --- fold: which samples count ----------------------------------------------------------------
 
@@ -140,46 +163,6 @@ UNDOUBTED = 1e-3
 #: Numbers of stretches into which a record that judges itself may be cut (training).
 STRETCHES = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
 
-# --- hanging: gravity without a control law ------------------------------------------------------
-
-#: Cut-off in median frequencies of the motion (judgement: above harmonics of a swing).
-SWINGS = 5.0
-#: The same at least, in periods of the record, and at most, of the sampling rate (numerics).
-LEAST_SWINGS, SWING_RATE = 4.0, 0.2
-#: Share of the acceleration's remainder that gravity must explain on the other half (judgement).
-HANGS = 0.5
-#: Factor between the two halves' gravity over inertia at most (as for other effects).
-HANGS_ALIKE = 1.67
-
-# --- library: where a search begins ------------------------------------------------------------
-
-#: Correlation with the command from which a further column of the law is no other body (judgement).
-SAME_SIGNAL = 0.9
-#: Where the search for a second body begins that the law sees: whoever measures it has one that
-#: swings slowly and is heavy (physics: links and booms).
-BEHIND: dict[str, dict[str, tuple[float, ...]]] = {
-    "flexibility": {"frequency_hz": (2.5, 8.0, 25.0, 65.0), "load_share": (0.1, 0.35, 0.8)}
-}
-#: The same where a load is known, which pulls at the second body: a link behind a gear, heavier
-#: than the drive or not, softer than a ball screw, and with friction in the drive (physics).
-LINKED: dict[str, dict[str, tuple[float, ...]]] = {
-    "flexibility": {
-        "frequency_hz": (2.5, 13.0, 65.0),
-        "load_share": (0.05, 0.2, 0.9),
-        "load_friction": (0.0, 0.02, 0.5),
-    },
-    "backlash": {
-        "gap": (1e-4, 1e-3, 1e-2),
-        "contact_hz": (30.0, 120.0, 500.0),
-        "load_share": (0.1, 0.35, 0.95),
-        "load_friction": (0.0, 0.01, 0.1, 0.9),
-    },
-}
-
-#: Dry friction, of the force of the drive, where the axis file states none, and the share of the
-#: stroke after which it acts in full: where a search for presliding begins (physics).
-DRY, TAKES_HOLD = 0.2, 5e-4
-
 # --- response, spatial lines and floor --------------------------------------------------------
 
 #: Seconds of impulse response of the command to a force (training: ten time constants).
@@ -201,11 +184,16 @@ LINE_SPEEDS = 40
 LINE_TOP, HIGH_SPEED = 0.35, 0.9
 #: Energy that any line has, of the largest: fainter ones are not raised above it (numerics).
 FAINT_LINE = 1e-3
+#: Samples of the spectrum in which that energy is looked up (numerics).
+LINE_SPECTRUM = 1 << 14
+#: Periods over the stroke by which one line differs from the next (theory: width of a main lobe).
+LINES_APART = 2
 #: Periods that a stroke must hold at least for a line (theory: it must come twice).
 LINE_PERIODS = 2.0
-#: Bins over a period of a line at least, and bumps over it that are another law (theory: two are
-#: the line itself).
-LINE_BINS = BUMPS = 4
+#: Bins over a period of a line at least (numerics).
+LINE_BINS = 4
+#: Bumps over a period of a line that are another law (theory: two are the line itself).
+BUMPS = 4
 #: Periods per effect that the screening looks at (training).
 LINES = 3
 #: Order of the noise model (EMPS: partial autocorrelations vanish beyond).
@@ -216,6 +204,8 @@ WINDOW = 0.1
 LEAST_WINDOW = 50
 #: Frequency, Hz, below and above which a window must be quiet (EMPS: band of the position loop).
 SPLIT_HZ = 12.0
+#: The same at most, of half the sampling rate (numerics: a low-pass must be below it).
+SPLIT_RATE = 0.9
 #: Quantile of the windows that count as quiet (training).
 QUIET = 0.7
 #: Share of a window that must count for its energy to: of quiet ones, and of events (training).
@@ -251,17 +241,47 @@ PERIODIC = 1e-4
 ANOTHER, DEEPEST = 0.1, 200
 #: Samples that two passes or records must share for their difference to be a floor (training).
 LEAST_PAIRS = 100
+#: Difference of references and known inputs, of the largest, up to which two records are of one
+#: motion (numerics: rounding).
+SAME_MOTION = 1e-9
 #: Stretches, and share of a record, that an outside force may take (training).
 FEW_EVENTS, EVENT_TIME = 5, 0.25
 
-#: Size of a whitened column from which its loop has diverged (numerics: its square overflows).
-DIVERGED_COLUMN = 1e100
+# --- library: where a search begins -----------------------------------------------------------
+
+#: Correlation with the command from which a further column of the law is no other body (judgement).
+SAME_SIGNAL = 0.9
+#: Where the search for a second body begins that the law sees: whoever measures it has one that
+#: swings slowly and is heavy (physics: links and booms).
+BEHIND: dict[str, dict[str, tuple[float, ...]]] = {
+    "flexibility": {"frequency_hz": (2.5, 8.0, 25.0, 65.0), "load_share": (0.1, 0.35, 0.8)}
+}
+#: The same where a load is known, which pulls at the second body: a link behind a gear, heavier
+#: than the drive or not, softer than a ball screw, and with friction in the drive (physics).
+LINKED: dict[str, dict[str, tuple[float, ...]]] = {
+    "flexibility": {
+        "frequency_hz": (2.5, 13.0, 65.0),
+        "load_share": (0.05, 0.2, 0.9),
+        "load_friction": (0.0, 0.02, 0.5),
+    },
+    "backlash": {
+        "gap": (1e-4, 1e-3, 1e-2),
+        "contact_hz": (30.0, 120.0, 500.0),
+        "load_share": (0.1, 0.35, 0.95),
+        "load_friction": (0.0, 0.01, 0.1, 0.9),
+    },
+}
+#: Dry friction, of the force of the drive, where the axis file states none, and the share of the
+#: stroke after which it acts in full: where a search for presliding begins (physics).
+DRY, TAKES_HOLD = 0.2, 5e-4
 
 # --- screen and fit: where a search looks -----------------------------------------------------
 
 #: Power of two: starting points in each box of an effect with many minima, in the screening
 #: (numerics).
 GLANCE = 3
+#: Size of a whitened column from which its loop has diverged (numerics: its square overflows).
+DIVERGED_COLUMN = 1e100
 #: Relative decrease of the cost below which sensitivities are kept (numerics).
 KEEP_JACOBIAN = 0.01
 #: Relative decrease of the cost that ends a fit (numerics: a hundredth of a `Threshold`).
@@ -336,6 +356,8 @@ UNNAMED = 1.02
 #: Share of the gain by which effects differ at most that do equally well (judgement: gravity and
 #: a spring over a short arc differ by 1e-5 to 0.003; of 203 recorded cases no other two do).
 TIE = 0.005
+#: Effects of the screening that are fitted first; the others only as rivals of these (cost).
+AT_FIRST = 2
 #: Of the best gain in the screening: what is below is not its rival (training).
 RIVAL = 0.35
 #: An effect is fitted if the screening gives it this share of the least gain of a name (training).
@@ -475,6 +497,8 @@ STEADY = 1.3
 REMARK = 0.03
 #: Share of the samples at which a known input may step to have edges of its own (judgement).
 FEW_EDGES = 0.05
+#: Confidence of the intervals of force errors, and of changes (convention).
+CONFIDENCE = 0.95
 #: Blocks at least, also of a short stretch, for the interval of an error (theory).
 LEAST_BLOCKS = 10
 #: Share of the force error by which a name lowers it at least (judgement: of two false names, on a
@@ -492,6 +516,11 @@ ALL_CLOSED = 0.97
 CORRECTED = 0.98
 #: Growth of what one of two effects cannot imitate that makes a motion worth advice (taste).
 BETTER_MOTION = 1.3
+#: Motions that are tried for that: how many times slower one is, and between which paces, of the
+#: record's, and how often another one sweeps.
+SLOWER, PACES, SWEEPS = 3.0, (0.1, 1.0), 3
+#: And a dither: its band, Hz, how many lines it has, and its size, of the largest command.
+DITHER_HZ, DITHER_LINES, DITHER = (3.0, 50.0), 12, 0.1
 #: Seconds around a reversal or an edge of a pulse (physics: break-away).
 NEAR_REVERSAL = 0.05
 #: Share of the largest acceleration from which the axis accelerates (taste).
@@ -499,7 +528,23 @@ ACCELERATING = 0.05
 #: Frequency bands in which the gap is shown, Hz (taste).
 BANDS = (0.0, 2.0, 12.0, 50.0, float("inf"))
 
-# --- robot: joints under the loads of their links ----------------------------------------------
+# --- a user's own simulator -------------------------------------------------------------------
+
+#: Of the force: logs of axis and simulator that differ by less are one (numerics).
+SAME_LOG = 1e-6
+#: Of the force by which simulator and axis differ: what named effects must explain at least, for a
+#: difference of two logs is right to first order only (judgement on a few drawn models: a lag
+#: named where only parameters differ explained 0.04 of it, two effects that were missed 0.07, 0.2).
+SECOND_ORDER = 0.05
+#: Square of the least singular value, of the largest, of parameters that do not trade with each
+#: other: below the first they stay where the simulator has them unless they have changed, below the
+#: second in any case (numerics).
+TRADING = (1e-4, 1e-8)
+#: Share of dry friction by which an axis must exceed its simulator's to be said to stick where
+#: that creeps (judgement; EMPS against MuJoCo as it ships: 0.49 against 0).
+STICKS = 0.2
+
+# --- robot: joints under the loads of their links ---------------------------------------------
 
 #: A link's force on a joint counts as the joint's own if its own inertia and frictions make all of
 #: it but this share (numerics).
@@ -522,7 +567,7 @@ ROUNDS = 2
 #: Singular value, of the largest, below which a combination of columns is rounding (numerics).
 SINGULAR = 1e-12
 
-# --- names: what an effect must reach ----------------------------------------------------------
+# --- names: what an effect must reach ---------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -633,6 +678,7 @@ class Rules:
         """
 
         def agreed(least: Threshold) -> Threshold:
+            """Return a threshold that asks for the agreement of a steady effect at least."""
             return replace(least, agreement=min(least.agreement, self.steady.agreement))
 
         return replace(
@@ -648,22 +694,3 @@ class Rules:
         if term.everywhere:
             return self.everywhere
         return self.periodic if term.search == "lines" else self.other
-
-
-# --- a user's own simulator ----------------------------------------------------------------------
-
-#: Of the force: logs of axis and simulator that differ by less are one (numerics).
-SAME_LOG = 1e-6
-#: Of the force by which simulator and axis differ: what named effects must explain at least, for a
-#: difference of two logs is right to first order only (judgement on a few drawn models: a lag
-#: named where only parameters differ explained 0.04 of it, two effects that were missed 0.07, 0.2).
-SECOND_ORDER = 0.05
-#: Square of the least singular value, of the largest, of parameters that do not trade with each
-#: other: below the first they stay where the simulator has them unless they have changed, below the
-#: second in any case (numerics).
-TRADING = (1e-4, 1e-8)
-#: Of the intervals of changes (convention).
-CONFIDENCE = 0.95
-#: Share of dry friction by which an axis must exceed its simulator's to be said to stick where
-#: that creeps (judgement; EMPS against MuJoCo as it ships: 0.49 against 0).
-STICKS = 0.2

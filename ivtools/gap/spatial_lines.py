@@ -22,9 +22,11 @@ from .rules import (
     HIGH_SPEED,
     LINE_BINS,
     LINE_PERIODS,
+    LINE_SPECTRUM,
     LINE_SPEEDS,
     LINE_TOP,
     LINES,
+    LINES_APART,
     PADDING,
     POSITION_BINS,
 )
@@ -95,26 +97,27 @@ def _peaks(
         return []
     k, lines = k[use], lines[use]
     explained = lines / _energy(k, v, weight, fold, response)
-    return [1.0 / k[i] for i in _maxima(explained, count, PADDING)]
+    return [1.0 / k[i] for i in _maxima(explained, count, LINES_APART * PADDING)]
 
 
 def _energy(k: Array, v: Array, weight: Array, fold: Fold, response: Response) -> Array:
     """Return the whitened energy of the answer to a unit line at each wave number."""
-    size = 1 << 14
-    gain = np.abs(np.fft.rfft(response.impulse, size) * np.fft.rfft(fold.whitener, size)) ** 2
+    heard, white = (np.fft.rfft(x, LINE_SPECTRUM) for x in (response.impulse, fold.whitener))
+    gain = np.abs(heard * white) ** 2
     energy, edges = np.histogram(np.abs(v), bins=LINE_SPEEDS, weights=weight**2 * fold.keep)
     speeds = 0.5 * (edges[1:] + edges[:-1])
-    hz = np.fft.rfftfreq(size, fold.record.dt)
+    hz = np.fft.rfftfreq(LINE_SPECTRUM, fold.record.dt)
     total = np.zeros(len(k))
     for speed, share in zip(speeds, energy, strict=True):
         total += 0.5 * share * np.interp(speed * k, hz, gain, right=gain[-1])
     return total + FAINT_LINE * np.max(total)
 
 
-def _maxima(x: Array, count: int, width: int) -> list[int]:
+def _maxima(x: Array, count: int, apart: int) -> list[int]:
+    """Return where the largest values are, each more than so many places from the others."""
     found: list[int] = []
     for i in np.argsort(-x):
-        if all(abs(int(i) - j) > 2 * width for j in found):
+        if all(abs(int(i) - j) > apart for j in found):
             found.append(int(i))
         if len(found) == count:
             break

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 _RIGID = ("inertia", "viscous", "coulomb", "offset")
 _WIDEST, _STEP, _PERIODS = 0.2, 2.5, 8.0  # cut-offs tried: of the rate, apart, in the record
+_THINNED, _TRIMMED = 0.25, 8  # of its period: from row to row; 1 / of a record, cut off at most
+_BROAD = 10.0  # times the narrowest cut-off: at which sizes are compared
 _SLOW = 0.05  # of the rms speed: below, the direction of motion may be noise
 _FEWEST = 40  # rows of a regression
 _NOTHING = 1e-8  # share of a column's norm that is rounding
@@ -245,8 +247,8 @@ def _regressed(rows: Array) -> Shown:
 def _rows(cutoff_hz: float, loop: ClosedLoop, record: Record) -> Array:
     """Return force, acceleration, the terms' other columns and those over the position, (N, m)."""
     width = record.sampling_hz / cutoff_hz
-    trim = min(round(width), record.longest.n_samples // 8)
-    decimation = max(1, int(0.25 * width))
+    trim = min(round(width), record.longest.n_samples // _TRIMMED)
+    decimation = max(1, int(_THINNED * width))
     shift = 0.5 + loop.delay / record.dt  # a command is held over the sample
     pipeline = Pipeline(
         cutoff_hz, decimation, trim=(trim, trim), force_shift=shift, breaks=record.breaks
@@ -264,7 +266,7 @@ def _rows(cutoff_hz: float, loop: ClosedLoop, record: Record) -> Array:
 
 def _by_size(loop: ClosedLoop, record: Record) -> float:
     """Return the inertia that would need all of the changing force, kg or kg m2."""
-    cutoff = min(10.0 * _PERIODS / (record.n_samples * record.dt), _WIDEST * record.sampling_hz)
+    cutoff = min(_BROAD * _PERIODS / (record.n_samples * record.dt), _WIDEST * record.sampling_hz)
     force, ddq = _rows(cutoff, loop, record)[:, :2].T
     return float(np.std(force) / np.std(ddq))
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ivtools.checks import MIN_SAMPLES
 from ivtools.errors import ConvergenceWarning, EstimationError, IVToolsError, RecordError
 from ivtools.estimators.input_error import CLIE, DIDIM
 from ivtools.estimators.least_squares import IDIMLS
@@ -41,9 +42,12 @@ _SEEN = 0.4  # of what a rigid model leaves: what a resonance must explain to be
 _LOAD = 0.1  # share of the inertia from which its fit begins
 _SAME = 0.01  # of the stroke: references that differ by less are one
 _OTHER_UNIT = 10.0  # ratio of the commands beyond which they have different units
+_OF_GAIN = 0.2  # of the drive's gain: a ratio of commands as near to it is this gain
+_IN_STEP = 0.01  # of a sample: by which two clocks may part over the record
 _SLOWEST = 0.45  # of the record's rate: a held command is late by half a sample
 _HOMED = 0.25  # of the energy that the law leaves of a command: what a shift must leave at most
 _SHARED = 0.5  # of the record that the simulator must cover
+_NEAR = 0.02  # relative: a ratio as near to that of a unit is this unit
 _SLIPS = {1e3: "mm", 1e-3: "km", 180.0 / np.pi: "degrees", np.pi / 180.0: "radians", 1e6: "µm"}
 
 
@@ -265,7 +269,7 @@ def brought(
         force = "; that is the drive's gain: it is a force, name its column tau"
         raise RecordError(
             f"the simulator's command is {ratio:.3g} times the record's: it looks like another "
-            f"unit{force if abs(ratio / loop.gain - 1.0) < 0.2 else ''}"
+            f"unit{force if abs(ratio / loop.gain - 1.0) < _OF_GAIN else ''}"
         )
     simulated, more = homed(real, simulated, loop.known(real))
     return real, simulated, (*notes, *more)
@@ -325,7 +329,7 @@ def homed(real: Record, simulated: Record, loop: ClosedLoop) -> tuple[Record, tu
 
 
 def _same_step(real: Record, simulated: Record) -> bool:
-    return abs(simulated.dt - real.dt) * real.n_samples < 0.01 * real.dt
+    return abs(simulated.dt - real.dt) * real.n_samples < _IN_STEP * real.dt
 
 
 def _resampled(real: Record, simulated: Record) -> tuple[Record, Record, str]:
@@ -340,7 +344,7 @@ def _resampled(real: Record, simulated: Record) -> tuple[Record, Record, str]:
             f"{real.sampling_hz:.4g} Hz: what the command did between cannot be told; log the "
             "simulator at the record's rate"
         )
-    if n * real.dt < _SHARED * t[-1] or n < 200:
+    if n * real.dt < _SHARED * t[-1] or n < MIN_SAMPLES:
         raise RecordError(
             f"the logs share {n * real.dt:.3g} s of {t[-1]:.3g} s; simulate the whole record"
         )
@@ -379,7 +383,7 @@ def _same_unit(name: str, one: float, two: float) -> None:
     """Refuse a simulator's signal whose range says that it is in another unit."""
     ratio = two / one if one else np.inf
     for factor, unit in _SLIPS.items():
-        if abs(ratio / factor - 1.0) < 0.02:
+        if abs(ratio / factor - 1.0) < _NEAR:
             raise RecordError(
                 f"the simulator's {name} is {ratio:.4g} times the record's: it looks like {unit}; "
                 "convert it, or name its unit"

@@ -21,6 +21,7 @@ from ..fold import Fold, Side
 from ..rules import (
     ADEQUATE,
     ALL_CLOSED,
+    AT_FIRST,
     CLEAN,
     DRAWS,
     RIVAL,
@@ -224,8 +225,8 @@ def _tried(
         tried.extend(trial for trial in made if trial is not None)
         return _largest(tried, rules)
 
-    best = fit(chosen[:2])
-    best = fit([n for n in chosen[2:] if gains[n] > RIVAL * best], best)
+    best = fit(chosen[:AT_FIRST])
+    best = fit([n for n in chosen[AT_FIRST:] if gains[n] > RIVAL * best], best)
     gap = max(cost(held) - 1.0, 1e-9)
     rough, left = max(s.rough for s in sides) > ROUGH, (1.0 - best) * cost(held)
     if rough and left > ADEQUATE and best * cost(held) < ALL_CLOSED * gap:

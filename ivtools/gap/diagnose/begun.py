@@ -185,6 +185,7 @@ def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
     record, note = preflight.followed(task.record, known)
 
     def other(one: Record | None) -> Record | None:
+        """Return another record with a position to follow."""
         return None if one is None else preflight.followed(one, known)[0]
 
     task = replace(task, record=record, holdout=other(task.holdout), judge=other(task.judge))

@@ -91,6 +91,7 @@ def diagnose(
         named: bool = True,
         described: bool = True,
     ) -> Diagnosis:
+        """Diagnose one record beside another; without names or descriptions where asked."""
         whole = simulated is not None
         kept = rules if named else replace(rules or Rules(), most=0)
         third = None if whole else judge  # of the axis itself, not of a difference

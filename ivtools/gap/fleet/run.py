@@ -155,6 +155,7 @@ class _Other(NamedTuple):
 
     @classmethod
     def of(cls, given: Given, log: RecordFormat | None, data: str | Path | None) -> _Other:
+        """Return it as it was given: read, and with the digest of its content."""
         source = sources([given], log, data)[0]
         return cls(source.name, source.read(), source.digest())
 

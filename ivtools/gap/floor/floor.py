@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal, stats
+from scipy import fft, ndimage, signal, stats
 
 from ...errors import EstimationError
 from ...limits import LARGEST
@@ -48,8 +48,10 @@ from ..rules import (
     PER_COEFFICIENT,
     PERIODIC,
     QUIET,
+    SAME_MOTION,
     SHOWN,
     SPLIT_HZ,
+    SPLIT_RATE,
     SWINGING,
     WINDOW,
 )
@@ -225,7 +227,7 @@ def _windows(
 
 def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows that are quiet above and below 12 Hz."""
-    sos = signal.butter(2, min(2 * SPLIT_HZ * dt, 0.9), output="sos")
+    sos = signal.butter(2, min(2 * SPLIT_HZ * dt, SPLIT_RATE), output="sos")
     low = signal.sosfiltfilt(sos, x)
     good = np.ones(0, dtype=bool)
     for part in (low, x - low):
@@ -357,9 +359,8 @@ def _deviation(x: Array, full: Mask, least: float | None = None) -> Array:
 
 def _around(bad: Mask, width: int, keep: Mask) -> Mask:
     """Return the samples of windows, of those beside them, and of no others, (n_samples,)."""
-    bad = bad | np.roll(bad, 1) | np.roll(bad, -1) if bad.any() else bad
     mask = np.zeros(len(keep), dtype=bool)
-    mask[: len(bad) * width] = np.repeat(bad, width)
+    mask[: len(bad) * width] = np.repeat(ndimage.binary_dilation(bad), width)
     return mask & keep
 
 
@@ -424,7 +425,7 @@ def _same(one: Record, two: Record) -> bool:
         return False
     pairs = [(one.q_ref, two.q_ref), (one.added, two.added)]
     filled = [[np.zeros(1) if x is None else x for x in pair] for pair in pairs]
-    return all(bool(np.max(np.abs(x - y)) <= 1e-9 * np.max(np.abs(x))) for x, y in filled)
+    return all(bool(np.max(np.abs(x - y)) <= SAME_MOTION * np.max(np.abs(x))) for x, y in filled)
 
 
 def _difference(x: Array, y: Array, keep: Mask) -> float | None:

@@ -32,6 +32,7 @@ from ..rules import (
     LOOK_WIDTH,
     LOOKS,
     MOVING,
+    NO_MOTION,
     ONE_WAY,
     OPEN_LOOP,
     OTHER_INERTIA,
@@ -115,7 +116,7 @@ def named(found: Sequence[Finding], record: Record) -> list[Finding]:
 def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     assert record.q_ref is not None
     asked, done = (float(np.ptp(x)) for x in (record.q_ref, record.q))
-    if asked <= 1e-9 * max(float(np.max(np.abs(record.q))), 1e-12):
+    if asked <= NO_MOTION * max(float(np.max(np.abs(record.q))), 1e-12):
         return [
             Finding(
                 "the reference does not move: a record at standstill says nothing about "

@@ -16,7 +16,15 @@ from scipy import signal
 
 from ...loop import ClosedLoop
 from ...record import Record
-from ..rules import HANGS, HANGS_ALIKE, LEAST_SWINGS, SWING_RATE, SWINGS
+from ..rules import (
+    HANGS,
+    HANGS_ALIKE,
+    LARGEST_EDGE,
+    LEAST_SWINGS,
+    SWING_EDGE,
+    SWING_RATE,
+    SWINGS,
+)
 
 Array = NDArray[np.float64]
 
@@ -103,6 +111,7 @@ def _columns(record: Record, loop: ClosedLoop, cutoff: float) -> tuple[Array, Ar
     sos = signal.butter(2, cutoff, fs=record.sampling_hz, output="sos")
 
     def low(x: Array) -> Array:
+        """Return the slow part of a signal, (n_samples,)."""
         return np.asarray(signal.sosfiltfilt(sos, x))
 
     q = low(record.q[:, 0])
@@ -110,5 +119,5 @@ def _columns(record: Record, loop: ClosedLoop, cutoff: float) -> tuple[Array, Ar
     ddq = np.gradient(dq, record.dt)
     columns = [low(loop.force(record)[:, 0]), low(dq), low(np.sign(dq)), np.ones(len(q))]
     X = np.column_stack([*columns, low(np.sin(q)), low(np.cos(q))])
-    edge = min(round(0.5 / (cutoff * record.dt)), len(q) // 4)
+    edge = min(round(SWING_EDGE / (cutoff * record.dt)), int(LARGEST_EDGE * len(q)))
     return X[edge : len(q) - edge], ddq[edge : len(q) - edge]

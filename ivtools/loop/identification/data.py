@@ -24,12 +24,16 @@ Array = NDArray[np.float64]
 
 TAPS, DELAYS = 3, 4  # longest velocity filter, and how many delays are tried, from 0
 HEAD = TAPS + DELAYS + 2  # samples whose past is not in the record
+_LEAST = 10 * HEAD  # samples that tell a law, at least
 _CLIPPED = 5  # so many samples at the very largest command are a limit
 _BIAS = 0.005  # noise of the low-passed velocity, of its rms
 _SLOWEST = 4.0  # cut-off of the low-pass at least, in median frequencies of the motion
 _FASTEST = 0.125  # and at most, of the sampling rate
 _STRETCH = 20 * HEAD  # samples between clipped ones from which a law can start
+_PER_PERIOD = 6.0  # samples of what is low-passed that are kept
 _FOLLOWS = 3  # samples by which an effect of the command may come behind it
+_BEHIND = 0.5  # correlation of changes from which such a one may
+_ITSELF = 0.9999  # R2 from which a column is the command itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +95,7 @@ class Data:
         command = (loop.command(record) - added)[:, 0]
         limit, sign = _limit(command, loop.controller.limit), float(np.sign(loop.gain))
         data = cls(record, command, limit, loop.joint, logged, sign)
-        if data.rows.sum() < 10 * HEAD or not command[HEAD:].any():
+        if data.rows.sum() < _LEAST or not command[HEAD:].any():
             raise RecordError(
                 f"{int(data.rows.sum())} samples of the command are below its limit and not 0; a "
                 "control law needs more, so take a longer record or state the controller"
@@ -113,7 +117,7 @@ class Data:
         keep[: max(HEAD, 3 * wide)] = False
         keep[len(keep) - max(DELAYS, 3 * wide) :] = False
         if self.low_pass:  # what is band-limited needs few samples
-            step = max(int(1.0 / (6.0 * self.low_pass * self.record.dt)), 1)
+            step = max(int(1.0 / (_PER_PERIOD * self.low_pass * self.record.dt)), 1)
             keep &= np.arange(len(keep)) % step == 0
         return keep
 
@@ -194,7 +198,7 @@ class Data:
         behind = max(along(lag) for lag in range(1, _FOLLOWS + 1))
         ahead = max(along(-lag) for lag in range(DELAYS))
         same = np.corrcoef(column, self.command)[0, 1] ** 2
-        return bool(behind > max(ahead, 0.5) or same > 0.9999)
+        return bool(behind > max(ahead, _BEHIND) or same > _ITSELF)
 
     def seen(self, column: Array, late: int = 0) -> Array:
         """Return the rows of a column, `late` samples ahead; low-passed and whitened if all are."""

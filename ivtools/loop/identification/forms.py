@@ -18,6 +18,7 @@ ROUNDING = 1e-9  # a law that leaves less of the command than this is exact
 _PRODUCTS = 1e-12  # share of the power to which products of columns can be subtracted
 WORTH = 0.8  # one setting more must leave at most this much of the residual
 _SLIPS, _SLIP = (1e-3, 1e-6, pi / 180.0), 0.01  # mm, um or degrees for m or rad, so exactly
+_FED = 0.05  # how near to 1 the weight of a force is that is fed forward as it is
 _SLACK = 0.05  # below 0 and above 1 of the weight of a reference
 MOST = 4  # feed-forwards and columns beside one law
 LEAST = 2e-3  # share of the command that a feed-forward must be
@@ -101,7 +102,7 @@ class Form:
     def around(self, known: Controller, data: Data, settings: Mapping[str, float]) -> Controller:
         """Return the controller with these settings and all else that the form has."""
         fed = {name: self.coefficients[name] for name in self.further}
-        back = {k: v for k, v in fed.items() if k in data.record.extra and abs(v - 1.0) > 0.05}
+        back = {k: v for k, v in fed.items() if k in data.record.extra and abs(v - 1.0) > _FED}
         return replace(
             known,
             kind=self.kind,

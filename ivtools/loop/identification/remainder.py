@@ -20,7 +20,8 @@ _PART = 0.25  # share of the remainder that something must explain to be named
 _TURN = 2.0 * np.pi
 _HARMONICS = 400  # per turn
 _BINS = 4000  # of the position
-_MOVES = 0.3  # of a turn, or it says nothing of periods
+_PADDING, _PERIODS = 4, 3  # of the spectrum over position; that a stroke holds at least
+_MOVES = 0.03  # of a turn, or it says nothing of periods
 
 
 def remains(loop: ClosedLoop, data: Data, best: Fitted) -> tuple[str, ...]:
@@ -72,16 +73,17 @@ def _left(loop: ClosedLoop, data: Data, best: Fitted) -> list[str]:
 def _periodic(loop: ClosedLoop, q: Array, rest: Array) -> str | None:
     """Say with which period of the position a remainder repeats, if it does."""
     span = float(np.ptp(q))
-    if span <= 0.0 or (loop.joint == "revolute" and span < _MOVES * _TURN / 10):
+    if span <= 0.0 or (loop.joint == "revolute" and span < _MOVES * _TURN):
         return None
     at = np.minimum(((q - q.min()) / span * _BINS).astype(int), _BINS - 1)
     count = np.bincount(at, minlength=_BINS)
     mean = np.bincount(at, weights=rest, minlength=_BINS) / np.maximum(count, 1)
     weight = np.where(count > 0, count, 0)
     power = float(rest @ rest)
-    spectrum = np.fft.rfft(mean * weight, 4 * _BINS)
-    k = int(np.argmax(np.abs(spectrum[12:]))) + 12
-    period = 4.0 * span / k
+    spectrum = np.fft.rfft(mean * weight, _PADDING * _BINS)
+    first = _PADDING * _PERIODS
+    k = int(np.argmax(np.abs(spectrum[first:]))) + first
+    period = _PADDING * span / k
     waves = np.column_stack([f(_TURN * q / period) for f in (np.cos, np.sin)])
     x = np.linalg.lstsq(waves, rest, rcond=None)[0]
     part = 1.0 - float(np.sum((rest - waves @ x) ** 2)) / max(power, 1e-300)

@@ -31,8 +31,12 @@ _INTEGRAL = 0.1  # of the proportional part, that an integral may become in a re
 _ORDER = 20  # of the noise model at most
 _CERTAIN = 0.05  # standard error of a gain, of itself, at most, that instruments tell
 _STARTS = 2  # laws with filters that are fitted, of each sort of filter
+_FORMS = 3  # of each filter, from which such laws begin
+_DAMPED = 20.0  # damping of a filter at most
 _POOR = 0.5  # share of the power of the command, low-passed, that is not explained at most
 _ROWS = 200  # at least, of a low-passed log from which a search begins
+_PER_NAME = 20  # rows of it per coefficient, at least
+_MOVED = 1e-3  # of a gain, by which the law that shows there is another one
 _UNLIKELY = 0.7  # prices of a setting that a kind must be better by if it is the less likely one
 _FILTERED = 1e-7  # share of the power left from which a filter in the loop is looked for
 _WORTH = 0.5  # of the residual's power that it must remove
@@ -204,7 +208,7 @@ def _surrounded(loop: ClosedLoop, data: Data, least: float) -> list[Fitted]:
         behind = replace(part, shape=shape, lag=lag)
         regressions = Regressions(behind)
         forms = [f for f in regressions.forms() if not lag or f.kind == "pid"]
-        for form in sorted(forms, key=lambda f: f.criterion)[:3]:
+        for form in sorted(forms, key=lambda f: f.criterion)[:_FORMS]:
             grown = regressions.grown(form)
             for c in grown.controllers(loop.controller, data)[:1]:
                 own = {**c.settings, "derivative_filter": lag} if lag else c.settings
@@ -227,7 +231,7 @@ def _stands(controller: Controller, fs: float) -> bool:
     """Whether a fitted filter is one."""
     shape, lag = controller.filter, float(controller.full.get("derivative_filter", 0.0))
     return lag >= 0.0 and (
-        shape is None or (0.0 < shape.hz < 0.5 * fs and 0.0 < (shape.damping or 1.0) < 20.0)
+        shape is None or (0.0 < shape.hz < 0.5 * fs and 0.0 < (shape.damping or 1.0) < _DAMPED)
     )
 
 
@@ -295,13 +299,13 @@ def _quiet(loop: ClosedLoop, data: Data, raw: Fitted) -> tuple[Fitted, Data] | N
     if hz is None:
         return None
     low = replace(data, low_pass=hz)
-    if low.rows.sum() < 20 * (len(raw.names) + 1):
+    if low.rows.sum() < _PER_NAME * (len(raw.names) + 1):
         return None
     same = polished(low, raw.controller)
     gains = [n for n in raw.names if n in ("kp", "kv", "kd")]
     before, after = raw.controller.settings, same.controller.settings
     moved = [abs(after[n] / before[n] - 1.0) for n in gains if before[n]]
-    if not moved or max(moved) < 1e-3:
+    if not moved or max(moved) < _MOVED:
         return None
     laws, _ = _plain(loop, low)
     laws += _surrounded(loop, low, _chosen(loop, laws, low).left) if laws else []
