@@ -26,7 +26,6 @@ ANYWHERE, NOTHING = {0.0, 0.5, 1.0, 2.0, 100.0}, 1e-5
 #: Numbers outside of the rules that decide nothing either.
 HARMLESS = {
     "advice.py": {1.7},  # phases of a dither
-    "attribute/selection.py": {3},  # until the second of two names comes again
     "diagnosis.py": {60, 0.01},  # letters of a line; per cent
     "fleet/fleet.py": {4},  # lines of a table
     "floor/floor.py": {1.4826, 9.0},  # normal deviation of a median one, and of Wilson, Hilferty

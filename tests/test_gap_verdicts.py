@@ -278,10 +278,8 @@ def test_an_effect_stands_beside_a_force_without_a_name_that_only_resembles_it(s
     def fits(*errors):
         return [Leaves(e) for e in errors]
 
-    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: "laws")
-    monkeypatch.setattr(
-        discrepancy, "fitted", lambda fits, laws: Spline(("q",), 0.0, (), rest=rest)
-    )
+    laws = SimpleNamespace(fitted=lambda fits: Spline(("q",), 0.0, (), rest=rest))
+    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
     before = fits(*(e for *_, e in folds))
     names = {}
     for name, change in {"true": [f[1] for f in folds], "like": [f[2] for f in folds]}.items():
@@ -300,11 +298,10 @@ def test_an_effect_of_time_or_use_falls_where_friction_that_remembers_use_does_b
 ):
     base, held = (left(3.0),), (left(0.9),)
     law, both = spline(0.6, (most,)), spline(0.2)
-    monkeypatch.setattr(selection, "fitted", lambda fits, laws: law if fits is base else both)
-    monkeypatch.setattr(selection.Laws, "of", lambda fits: "laws")
-    monkeypatch.setattr(selection, "of_use", lambda fits, laws: law)
+    laws = SimpleNamespace(fitted=lambda f: law if f is base else both, of_use=lambda f: law)
+    monkeypatch.setattr(selection.Laws, "of", lambda fits: laws)
     trial = SimpleNamespace(term=EFFECTS[effect], unlike=0.9)  # no law of the state could have it
-    assert selection._names_kept([base, held], "laws", [(trial,)], Rules()) == names
+    assert selection._names_kept([base, held], laws, [(trial,)], Rules()) == names
     timed = trial.term.of_time  # with nothing left there is no law to see it by
     found = selection._names_kept([base, held], None, [(trial,)], Rules())
     assert found == (0 if timed else 1)

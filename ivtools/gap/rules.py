@@ -366,6 +366,9 @@ WORTH_A_FIT = 0.4
 ROUGH = 0.1
 #: Of what all effects remove: an effect whose loss costs less is dropped again (training).
 SUPERFLUOUS = 0.05
+#: Rounds in which either of two names is looked for beside the other (cost: the third is needed
+#: where the first name was the wrong one).
+PAIR_ROUNDS = 3
 #: Of the gap: what removes it and has no name is supposed to be there, and where that much of it
 #: lies, it lies (definition: most of it).
 MOST = 0.5

@@ -30,6 +30,7 @@ from ..rules import (
     LIKELY,
     MORE,
     MOST,
+    PAIR_ROUNDS,
     SEVERAL,
     SPARED,
     STANDARD_ERRORS,
@@ -294,7 +295,7 @@ def _pair(
     assert first.best is not None
     names = [first.best.name]
     found: list[Round] = []
-    while len(found) < 3:
+    while len(found) < PAIR_ROUNDS:
         last = beside(names[-1])
         if last is None or last.best is None or _doubtful(last.best, last, base, rules):
             return []
