@@ -6,10 +6,9 @@ as instruments: the estimate is consistent in closed loop.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,6 @@ from .library import Scales
 from .rules import AGAIN, CONVERGED, JACOBIANS, KEEP_JACOBIAN, REACH, SHORTER, STEP, UNSHOWN
 
 Array = NDArray[np.float64]
-Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +49,6 @@ class Fit:
     free: tuple[str, ...]
     e: Array
     J: Array
-
-    _made: dict[object, Any] = field(default_factory=dict, init=False, repr=False)
-
-    def once(self, key: object, make: Callable[[], Made]) -> Made:
-        """Return what `make` returns, which is called once per key as long as the fit is there."""
-        if key not in self._made:
-            self._made[key] = make()
-        return cast(Made, self._made[key])
 
     @property
     def cost(self) -> float:

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,8 +145,8 @@ class Laws:
         Their products with each other.
     swings : tuple of Swings
         Loads that may hang from the axis.
-    searches : dict
-        Those of splines in what models leave, by their fits.
+    splines : mapping
+        Those that were fitted to what models leave, by their fit on the first fold.
     """
 
     basis: Basis
@@ -155,13 +156,17 @@ class Laws:
     answers: tuple[Array, ...]
     squares: tuple[Array, ...]
     swings: tuple[Swings, ...]
-    searches: dict[tuple[Fit, ...], _Search] = field(default_factory=dict, init=False)
+    splines: WeakKeyDictionary[Fit, tuple[Fit, Spline]] = field(
+        default_factory=WeakKeyDictionary, init=False
+    )
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Laws | None:
         """Return the laws along the motion of fits, one on each fold; None if a loop diverges."""
-        first, *others = fits
-        return first.once(("laws", *others), lambda: cls._along(fits))
+        one, two = fits
+        if (known := _LAWS.get(one)) is None or known[0] is not two:
+            known = _LAWS[one] = two, cls._along(fits)
+        return known[1]
 
     @classmethod
     def _along(cls, fits: Sequence[Fit]) -> Laws | None:
@@ -186,17 +191,18 @@ class Laws:
         What it may depend on is added one by one, the most telling first, as long as held-out data
         are significantly better predicted: columns without need cost more than they bring.
         """
-        return self._search(fits).best
+        one, two = fits
+        if (known := self.splines.get(one)) is None or known[0] is not two:
+            known = self.splines[one] = two, _Search(fits, self).best()
+        return known[1]
 
     def of_use(self, fits: Sequence[Fit]) -> Spline:
         """Return the same of friction that remembers how much the axis moved."""
-        return self._search(fits).of_use
+        return _Search(fits, self).of_use()
 
-    def _search(self, fits: Sequence[Fit]) -> _Search:
-        """Return the search in what fits leave, made once."""
-        if (known := self.searches.get(tuple(fits))) is None:
-            known = self.searches.setdefault(tuple(fits), _Search(fits, self))
-        return known
+
+#: The laws along the motion of a fit and that of the other fold, as long as the first one is there.
+_LAWS: WeakKeyDictionary[Fit, tuple[Fit, Laws | None]] = WeakKeyDictionary()
 
 
 def _places(parts: Mapping[str, Array], first: int = 0) -> dict[str, NDArray[np.int_]]:
@@ -406,17 +412,15 @@ class _Search:
         self.rough = {n: R.T @ R for n, R in rough.items()}
         self.folds = [f.fold for f in fits]
 
-    @cached_property
     def best(self) -> Spline:
-        """The spline that predicts the other fold best."""
+        """Return the spline that predicts the other fold best."""
         now = _Step(0.0, (), [np.zeros(len(e)) for e in self.rests])
         while then := next((s for s in self.ahead(now) if self._tells(now, s)), None):
             now = then
         return self.spline(now)
 
-    @cached_property
     def of_use(self) -> Spline:
-        """The best of splines over how much the axis moved before."""
+        """Return the best of splines over how much the axis moved before."""
         several = [*[(n,) for n in OF_USE], OF_USE]
         return self.spline(self._step(max(map(self._best, several), key=lambda x: x.gain)))
 

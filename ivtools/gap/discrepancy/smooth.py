@@ -278,8 +278,10 @@ class Columns:
         return x - self.times(beta)
 
 
-#: What smooth laws beside a line do to the error of a fit, with their knots: the last ones, for two
-#: effects may be one line.
+#: What smooth laws do to the error of a fit, as long as the fit is there.
+_IMITATIONS: WeakKeyDictionary[Fit, Columns] = WeakKeyDictionary()
+#: The same of the laws beside a line, with their knots: the last ones, for two effects may be one
+#: line.
 _BESIDE_LINES: WeakKeyDictionary[Fit, tuple[tuple[bytes, ...], Columns]] = WeakKeyDictionary()
 
 
@@ -321,13 +323,10 @@ def smooth_rest(before: Sequence[Fit], after: Sequence[Fit]) -> float:
 
 def _imitation(b: Fit) -> Columns:
     """Return what smooth laws of the state do to the error of a fit."""
-
-    def made() -> Columns:
-        """Return it, along the motion of the fit."""
+    if b not in _IMITATIONS:
         run = b.fold.simulate(b.loop, b.values)
-        return Columns(b, b.fold.answers(Basis.of([run]).additive(run)))
-
-    return b.once("imitation", made)
+        _IMITATIONS[b] = Columns(b, b.fold.answers(Basis.of([run]).additive(run)))
+    return _IMITATIONS[b]
 
 
 def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
