@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -40,7 +40,9 @@ from ..rules import (
 from .smooth import OF_USE, Basis, Columns, beside, signals
 
 Array = NDArray[np.float64]
-
+Made = TypeVar("Made")
+#: What was made of two fits: by the one on the first fold, with the other one.
+_ByFits = WeakKeyDictionary[Fit, tuple[Fit, Made]]
 
 _NAMES = {
     "q": "position",
@@ -145,8 +147,8 @@ class Laws:
         Their products with each other.
     swings : tuple of Swings
         Loads that may hang from the axis.
-    splines : dict
-        Those that were fitted to what models leave, by their fits.
+    splines : mapping
+        Those that were fitted to what models leave, by their fits, as long as these are there.
     """
 
     basis: Basis
@@ -156,12 +158,22 @@ class Laws:
     answers: tuple[Array, ...]
     squares: tuple[Array, ...]
     swings: tuple[Swings, ...]
-    splines: dict[tuple[Fit, ...], Spline] = field(default_factory=dict, init=False)
+    splines: _ByFits[Spline] = field(default_factory=WeakKeyDictionary, init=False)
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Laws | None:
-        """Return the laws along the motion of fits, one on each fold; None if a loop diverges."""
-        runs = tuple(f.fold.simulate(f.loop, f.values) for f in fits)
+        """Return the laws along the motion of fits, one on each fold; None if a loop diverges.
+
+        They are made once.
+        """
+        one, two = fits
+        if (known := _LAWS.get(one)) is None or known[0] is not two:
+            known = _LAWS[one] = two, cls._along(fits)
+        return known[1]
+
+    @classmethod
+    def _along(cls, fits: Sequence[Fit]) -> Laws | None:
+        runs = tuple(f.simulation for f in fits)
         if not all(r.finite for r in runs) or any(f.fold.response is None for f in fits):
             return None
         basis = Basis.of(runs)
@@ -174,6 +186,10 @@ class Laws:
         squares = tuple(threaded(lambda A: A.T @ A, answers))
         swings = tuple(threaded(_swings, fits, runs))
         return cls(basis, runs, forces, place, answers, squares, swings)
+
+
+#: The laws along the motion of a fit and that of the other fold, while they are there.
+_LAWS: _ByFits[Laws | None] = WeakKeyDictionary()
 
 
 def _places(parts: Mapping[str, Array], first: int = 0) -> dict[str, NDArray[np.int_]]:
@@ -263,13 +279,15 @@ def fitted(fits: Sequence[Fit], laws: Laws) -> Spline:
     laws : Laws
         What it is made of.
     """
-    if (known := laws.splines.get(tuple(fits))) is not None:
-        return known
+    one, two = fits
+    if (known := laws.splines.get(one)) is not None and known[0] is two:
+        return known[1]
     search = _Search(fits, laws)
     now = _Step(0.0, (), [np.zeros(len(f.e)) for f in fits])
     while then := next((s for s in search.ahead(now) if _tells(fits, search.rests, now, s)), None):
         now = then
-    return laws.splines.setdefault(tuple(fits), search.spline(now))
+    laws.splines[one] = two, search.spline(now)
+    return laws.splines[one][1]
 
 
 def _tells(fits: Sequence[Fit], rests: Sequence[Array], now: _Step, then: _Step) -> bool:
@@ -304,10 +322,6 @@ def advantage(fits: Sequence[Fit], before: Spline, after: Spline) -> float:
     return block_t(np.concatenate([f.fold.block_sums(a**2 - b**2) for f, a, b in pairs]))
 
 
-#: The force without a name in what a fit and that of the other fold leave, while they are there.
-_BESIDE: WeakKeyDictionary[Fit, tuple[Fit, Spline | None]] = WeakKeyDictionary()
-
-
 def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
     """Whether an effect is as large beside a force without a name as by itself, on each fold.
 
@@ -323,11 +337,8 @@ def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
 
     R. Frisch, F. V. Waugh, Econometrica 1(4), 1933: a coefficient beside other regressors.
     """
-    one, two = before
-    if (known := _BESIDE.get(one)) is None or known[0] is not two:
-        laws = Laws.of(before)
-        known = _BESIDE[one] = two, None if laws is None else fitted(before, laws)
-    if (law := known[1]) is None or not law.over:  # nothing was there to stand beside
+    laws = Laws.of(before)
+    if laws is None or not (law := fitted(before, laws)).over:  # nothing to stand beside
         return False
     changes = [beside(b, (h.e - b.e)[:, None])[:, 0] for b, h in zip(before, held, strict=True)]
     errors = [beside(b, b.e[:, None])[:, 0] for b in before]
