@@ -124,10 +124,12 @@ def _evolved(
     where they are nothing better than no effect at all. A point that costs more on one fold than
     any that the search keeps is not tried on the other, which can only add to it.
     """
-    most = [plain]
+    most, filled = [plain], dict[bytes, float]()
 
     def cost(x: Array) -> float:
         """Return the cost of a point of the unit cube, or a part of it that is too much."""
+        if (known := filled.get(_key(x))) is not None:
+            return known
         point, total = box.point(x), 0.0
         for c in costs:
             total += c(point)
@@ -142,8 +144,10 @@ def _evolved(
         most[0] = float(np.max(intermediate_result.population_energies))
 
     drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(power)
-    order = np.argsort(threaded(cost, drawn), kind="stable")
-    found = differential_evolution(
+    found = threaded(cost, drawn)
+    filled |= {_key(x): c for x, c in zip(drawn, found, strict=True)}
+    order = np.argsort(found, kind="stable")
+    best = differential_evolution(
         cost,
         Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
         init=drawn[order[: CROWD * box.dimensions]],
@@ -156,7 +160,12 @@ def _evolved(
         callback=ends,
         rng=1,
     )
-    return float(found.fun), box.point(found.x)
+    return float(best.fun), box.point(best.x)
+
+
+def _key(x: Array) -> bytes:
+    """Return what tells a point of the unit cube, which the search scales to and fro."""
+    return x.round(9).tobytes()
 
 
 def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:
