@@ -56,9 +56,19 @@ class Fit:
         return float(self.e @ self.e) / len(self.e)
 
     @cached_property
+    def simulation(self) -> Simulation:
+        """The loop at these values."""
+        return self.fold.simulate(self.loop, self.values)
+
+    @cached_property
+    def basis(self) -> Array:
+        """What the free parameters can do to the error, (n_kept, n_free), orthonormal."""
+        return orthonormal(self.J)
+
+    @cached_property
     def force_error(self) -> Array:
         """Measured less simulated force of the samples that count, N or N m, (n_kept,)."""
-        return self.fold.force_error(self.loop, self.values)[self.fold.keep]
+        return self.fold.likeliest(self.loop, self.simulation)[self.fold.keep]
 
     @property
     def force_rms(self) -> float:

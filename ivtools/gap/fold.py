@@ -261,7 +261,11 @@ class Fold:
 
     def force_error(self, loop: ClosedLoop, values: Values) -> Array:
         """Return the force error of the loop simulated at these values, its load the likeliest."""
-        e = self.gap(loop, self.simulate(loop, values))
+        return self.likeliest(loop, self.simulate(loop, values))
+
+    def likeliest(self, loop: ClosedLoop, simulation: Simulation) -> Array:
+        """Return the force error of a simulation, (n_samples,), its load the likeliest."""
+        e = self.gap(loop, simulation)
         if self._unknown is None or not np.isfinite(e[-1]):
             return e
         doubted, _, sizes = self._doubted

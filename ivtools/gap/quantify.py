@@ -296,7 +296,7 @@ def _interval(e: Array, fold: Fold) -> tuple[float, float]:
 def _signals(before: Fit, after: Fit) -> dict[str, tuple[float, float]]:
     record, keep = after.fold.record, after.fold.keep
     measured = _motion(record, after.loop)
-    runs = [f.fold.simulate(f.loop, f.values).motion for f in (before, after)]
+    runs = [f.simulation.motion for f in (before, after)]
     return {
         name: (_rms((m - runs[0][i])[keep]), _rms((m - runs[1][i])[keep]))
         for i, (name, m) in enumerate(

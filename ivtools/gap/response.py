@@ -25,7 +25,7 @@ from .rules import AFTER_REVERSAL, MOVES, RESPONSE_TIME, SPEED_KNOTS
 Array = NDArray[np.float64]
 
 #: Signals that are filtered at a time: more do not stay near the processor.
-AT_ONCE = 16
+AT_ONCE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +64,11 @@ class Response:
             part = slice(first, first + AT_ONCE)
             both = fft.rfft(rows[part], size)
             both *= spectrum
-            answers = fft.irfft(both, size, overwrite_x=True)[:, : self.n]
-            out[part] = answers if at is None else answers[:, at]
+            answers = fft.irfft(both, size, overwrite_x=True)
+            if at is None:
+                out[part] = answers[:, : self.n]
+            else:
+                np.take(answers, at, axis=1, out=out[part], mode="clip")
         return out.reshape(*force.T.shape[:-1], out.shape[1]).T
 
     def adjoint(self, signal: Array) -> Array:

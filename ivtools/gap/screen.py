@@ -8,13 +8,13 @@ change hardly depends on the other effects in the model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..linalg import as_columns, orthonormal
+from ..linalg import as_columns
 from ..loop import Simulation
 from ..physics import Term
 from . import spatial_lines
@@ -50,12 +50,16 @@ class Score:
 
 @dataclass(frozen=True, eq=False)
 class _Direction:
-    """Changes of the whitened error from one starting point, and how to read their coefficients."""
+    """Changes of the whitened error from one starting point, and how to read their coefficients.
+
+    Beside the base model.
+    """
 
     term: Term
     shape: dict[str, float]
     names: tuple[str, ...]
-    columns: Array  # (n_kept, m)
+    columns: Array  # (n_kept, m); until all are answered at once, the forces, (n_samples, m)
+    answered: bool = False
 
 
 def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
@@ -75,26 +79,41 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
     dict
         Effect to `Score`.
     """
-    fold, now = fit.fold, fit.fold.simulate(fit.loop, fit.values)
-    basis = orthonormal(fit.J)
+    fold, now, basis = fit.fold, fit.simulation, fit.basis
     e = fit.e - basis @ (basis.T @ fit.e)
     lines = spatial_lines.search(fold, side.response, e, now, terms)
-    found: dict[str, Score] = {}
-    for term in terms:
-        directions = (
-            _direction(side, fit, now, term, shape) for shape in _shapes(term, side.scales, lines)
-        )
-        usable = (d for d in directions if d is not None and _sound(d.columns))
-        scores = [_score(d, basis, e, fold) for d in usable]
-        if scores:
-            found[term.name] = _best(term, scores)
-    return found
+    tried = [
+        _direction(side, fit, now, term, shape)
+        for term in terms
+        for shape in _shapes(term, side.scales, lines)
+    ]
+    found: dict[str, list[Score]] = {}
+    for d in _beside([d for d in tried if d is not None], side.fold, basis):
+        found.setdefault(d.term.name, []).append(_score(d, e, fold))
+    return {name: _best(scores) for name, scores in found.items()}
 
 
-def _best(term: Term, scores: list[Score]) -> Score:
+def _beside(directions: list[_Direction], fold: Fold, basis: Array) -> Iterator[_Direction]:
+    """Yield what directions change beside a base model, all of them answered at once.
+
+    Those are left out whose loop has diverged.
+    """
+    forces = [d for d in directions if not d.answered]
+    wide = fold.answers(as_columns(f for d in forces for f in d.columns.T))
+    edges = np.cumsum([0, *(d.columns.shape[1] for d in forces)])
+    parts = dict(zip(forces, map(slice, edges[:-1], edges[1:]), strict=True))
+    known = basis.T @ wide
+    for d in directions:
+        columns = d.columns if d.answered else wide[:, parts[d]]
+        if _sound(columns):
+            own = basis.T @ columns if d.answered else known[:, parts[d]]
+            yield replace(d, columns=columns - basis @ own, answered=True)
+
+
+def _best(scores: list[Score]) -> Score:
     """Return the best score, with the best starts for each choice of the nuisances."""
     ordered = sorted(scores, key=lambda s: -s.gain)
-    nuisances = [p.name for p in term.parameters if p.nuisance]
+    nuisances = [p.name for p in ordered[0].term.parameters if p.nuisance]
     starts: dict[tuple[float, ...], dict[str, float]] = {}
     for score in ordered:
         (start,) = score.starts
@@ -115,18 +134,18 @@ def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[d
 def _direction(
     side: Side, fit: Fit, now: Simulation, term: Term, shape: dict[str, float]
 ) -> _Direction | None:
-    """Return the change of the error that the effect makes; None if the loop diverges with it."""
+    """Return the force of an effect, or the change that it makes; None if the loop diverges."""
     if term.law is not None and term.search != "valleys":
         linear = [i for i, p in enumerate(term.parameters) if p.linear]
         names = tuple(term.parameters[i].name for i in linear)
         forces = as_columns(unit_force(term, i, shape, now) for i in linear or [-1])
-        return _Direction(term, shape, names, side.fold.answers(forces))
+        return _Direction(term, shape, names, forces)
     if term.as_force is not None:
         names = tuple(p.name for p in term.parameters if p.linear)
         own = [shape[p.name] for p in term.parameters if not p.linear]
         q, dt = now.q[:, 0], fit.fold.record.dt
         forces = term.as_force(q, dt, fit.values["inertia"], *own)
-        return _Direction(term, shape, names, side.fold.answers(forces))
+        return _Direction(term, shape, names, forces)
     key = (term.name, *shape.items())
     if key not in side.simulated:
         loop = fit.loop.with_effect(term, **shape)
@@ -135,7 +154,7 @@ def _direction(
     change = side.simulated[key]
     if not np.isfinite(change[-1]):
         return None
-    return _Direction(term, shape, (), side.fold.white(change)[:, None])
+    return _Direction(term, shape, (), side.fold.white(change)[:, None], answered=True)
 
 
 def unit_force(term: Term, index: int, shape: dict[str, float], simulation: Simulation) -> Array:
@@ -163,11 +182,10 @@ def _sound(columns: Array) -> bool:
     return bool(np.max(np.abs(columns), initial=0.0) < DIVERGED_COLUMN)
 
 
-def _score(d: _Direction, basis: Array, e: Array, fold: Fold) -> Score:
+def _score(d: _Direction, e: Array, fold: Fold) -> Score:
     """Regress the residual on the columns that the base model does not already have."""
-    C = d.columns - basis @ (basis.T @ d.columns)
-    beta = normal(C, e, 1e-6)
-    explained = C @ beta
+    beta = normal(d.columns, e, 1e-6)
+    explained = d.columns @ beta
     gain = float(explained @ e / (e @ e))
     amplitudes = {n: -float(b) for n, b in zip(d.names, beta, strict=False)}
     start = {p.name: p.neutral for p in d.term.parameters} | d.shape | amplitudes

@@ -12,10 +12,11 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numba import boolean, complex128, float64, types
 from numpy.typing import NDArray
 from scipy import optimize, signal
 
-from ivtools.linalg.columns import orthonormal
+from ivtools.compiled import cached
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -39,19 +40,20 @@ class Swing:
     hz: float
     damping: float
 
-    def _pole(self, dt: float) -> complex:
+    def pole(self, dt: float) -> complex:
+        """Return its pole in discrete time."""
         turn = complex(-self.damping, np.sqrt(1.0 - self.damping**2))
         return complex(np.exp(2.0 * np.pi * self.hz * dt * turn))
 
     def of(self, ddq: Array, dt: float) -> Array:
         """Return what an acceleration sets ringing, in phase and out of it, (n_samples, 2)."""
-        p = self._pole(dt)
+        p = self.pole(dt)
         y = signal.lfilter([1.0 - abs(p)], [1.0, -p], ddq)
         return np.asarray(y.view(float).reshape(-1, 2))
 
     def begun(self, n: int, dt: float) -> Array:
         """Return how it rings down that swung before the record began, (n, 2)."""
-        y = self._pole(dt) ** np.arange(n)
+        y = self.pole(dt) ** np.arange(n)
         return np.column_stack([y.real, y.imag])
 
 
@@ -66,8 +68,7 @@ class Swings:
     """The swings that may be in signals which answer the same acceleration.
 
     A resonance and the loop are linear both: what a swing does to a signal is the resonance of
-    what the acceleration itself would do. So the search runs on means of few samples, and what
-    every point of its grid does is known before a signal is.
+    what the acceleration itself would do. So the search runs on means of few samples.
 
     Parameters
     ----------
@@ -88,12 +89,11 @@ class Swings:
         if np.isfinite(self.answer).all() and self.answer.any() and self.lowest < _HZ[1]:
             points = product(np.geomspace(self.lowest, _HZ[1], _TRIES), _DAMPING)
             self.grid = [Swing(float(hz), damping) for hz, damping in points]
-        self.units = self._units(self.grid)
 
     def strongest(self, x: Array) -> Found:
         """Return the swing that explains most of a signal, (n_samples,), 0 where none counts."""
-        y = self._mean(x)[self.counts]
-        energy = float(y @ y)
+        y = self._mean(x)
+        energy = float(y[self.counts] @ y[self.counts])
         if not (self.grid and energy > 0.0):
             return Found(Swing(_HZ[0], _DAMPING[-1]), 0.0)
 
@@ -102,10 +102,9 @@ class Swings:
             hz, damping = np.exp(point)
             if not (self.lowest <= hz <= _HZ[1] and damping <= _DAMPING[-1]):  # more is no swing
                 return 1.0
-            b = self._units([Swing(float(hz), float(damping))])[0] @ y
-            return 1.0 - float(b @ b) / energy
+            return 1.0 - self._explained(Swing(float(hz), float(damping)), y) / energy
 
-        best = self.grid[int(np.argmax(np.sum((self.units @ y) ** 2, axis=1)))]
+        best = max(self.grid, key=lambda swing: self._explained(swing, y))
         first = np.log([best.hz, best.damping])
         found = optimize.minimize(left, first, method="Nelder-Mead", options={"maxfev": _TRIES})
         hz, damping = np.exp(found.x if found.fun < 1.0 else first)
@@ -116,7 +115,28 @@ class Swings:
         count = len(s) // self.width
         return np.asarray(s[: count * self.width].reshape(count, self.width).mean(axis=1))
 
-    def _units(self, swings: list[Swing]) -> Array:
-        """Return what each of some swings does as two orthonormal signals, (points, 2, n)."""
-        found = [swing.of(self.answer, self.dt)[self.counts] for swing in swings]
-        return np.swapaxes(orthonormal(np.array(found)), 1, 2) if found else np.zeros((0, 2, 0))
+    def _explained(self, swing: Swing, y: Array) -> float:
+        """Return the energy of a signal's means that a swing explains."""
+        return float(_explained(swing.pole(self.dt), self.answer, self.counts, y))
+
+
+_SAMPLES, _COUNTS = (types.Array(t, 1, "C", readonly=True) for t in (float64, boolean))
+
+
+@cached(float64(complex128, _SAMPLES, _COUNTS, _SAMPLES))
+def _explained(pole: complex, x: Array, counts: Mask, y: Array) -> float:
+    """Return the energy of y, where it counts, that both parts of what x sets ringing explain."""
+    ring, in_phase, out_of_it, mixed, one, two = 0.0j, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(x.size):
+        ring = pole * ring + x[k]
+        if counts[k]:
+            in_phase += ring.real * ring.real
+            out_of_it += ring.imag * ring.imag
+            mixed += ring.real * ring.imag
+            one += ring.real * y[k]
+            two += ring.imag * y[k]
+    if not in_phase > 0.0:
+        return 0.0
+    found, share = one * one / in_phase, mixed / in_phase
+    rest, beyond = out_of_it - share * mixed, two - share * one  # of the second beside the first
+    return found + beyond * beyond / rest if rest > 0.0 else found

@@ -14,6 +14,9 @@ from ..screen import Score
 from .starts import Point, beginning, starts
 from .trial import Trial
 
+#: Fits of one fold's effect on the other, by that fold's fit and, if its phases count, the own one.
+Made = dict[tuple[Fit, Fit | None], Fit]
+
 
 def attempt(
     sides: tuple[Side, ...],
@@ -47,12 +50,13 @@ def attempt(
     deep = any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True))
     if term.search == "valleys" and deep:  # either side may have come deeper
         new = tuple(threaded(lambda s, n, o: _deeper(s, term, n, o), sides, new, new[::-1]))
-    held = frozen(sides, new)
+    made: Made = {}
+    held = frozen(sides, new, made)
     if any(
         h.cost < n.cost for n, h in zip(new, held, strict=True)
     ):  # stuck: the other knows better
         new = tuple(threaded(_onwards, sides, new, held))
-        held = frozen(sides, new)
+        held = frozen(sides, new, made)
     return Trial(term, new, held, before)
 
 
@@ -85,9 +89,23 @@ def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
     return gauss_newton(side.fold, own.loop, best.values, free, narrow, VALLEY_STEPS)
 
 
-def frozen(sides: tuple[Side, ...], fits: tuple[Fit, ...]) -> tuple[Fit, ...]:
-    """Tune the base parameters on each fold, with the effects that the other fold found."""
-    return tuple(threaded(_retuned, sides, fits[::-1], fits))
+def frozen(
+    sides: tuple[Side, ...], fits: tuple[Fit, ...], made: Made | None = None
+) -> tuple[Fit, ...]:
+    """Tune the base parameters on each fold, with the effects that the other fold found.
+
+    What is `made` already of the same fits on these folds is not made again; new ones are added.
+    """
+    made = {} if made is None else made
+
+    def one(side: Side, fit: Fit, own: Fit) -> Fit:
+        """Return that of one fold."""
+        key = fit, own if phases(fit.loop) else None
+        if key not in made:
+            made[key] = _retuned(side, fit, own)
+        return made[key]
+
+    return tuple(threaded(one, sides, fits[::-1], fits))
 
 
 def _retuned(side: Side, fit: Fit, own: Fit) -> Fit:
@@ -107,7 +125,8 @@ def phases(loop: ClosedLoop) -> set[str]:
 def _extended(side: Side, fit: Fit, term: Term, begin: list[Point]) -> Fit:
     """Fit the model with one more effect, from its best starting values."""
     near = None if term.search == "valleys" else fit  # two masses answer as one does to nothing
-    found = []
+    found: list[Fit] = []
+    plains: list[dict[str, float]] = []
     for values in begin:
         base = beginning(fit, term, values)
         loop = fit.loop.with_effect(term, **values)
@@ -116,6 +135,9 @@ def _extended(side: Side, fit: Fit, term: Term, begin: list[Point]) -> Fit:
         new = gauss_newton(side.fold, loop, loop.values(base), free, step, near=near)
         if new.cost > fit.cost:  # the base parameters must give way first: begin without it
             plain = {**loop.values(fit.values), **_absent(term)}
+            if plain in plains:  # starts that differ in sizes only
+                continue
+            plains.append(plain)
             new = gauss_newton(side.fold, loop, plain, free, step, near=near)
         found.append(new)
     return min(found, key=lambda f: f.cost)

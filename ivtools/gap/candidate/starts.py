@@ -96,12 +96,12 @@ def _deepest(
     plain, known = sum(rigid), dict(sides[0].places.get(term.name, {}))
     if known and sum(c(known) for c in costs) < HOPELESS * plain:
         return [known]
-    boxes = Box.of(term, sides[0].scales)
-    found = [_evolved(costs, plain, box, _power(box, FIRST_CROWD)) for box in boxes]
+    boxes: list[tuple[Box, dict[bytes, float]]] = [(b, {}) for b in Box.of(term, sides[0].scales)]
+    found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), seen) for b, seen in boxes]
     if left > LARGE and min(found, key=_cheapest)[0] > HOPELESS * plain:
         # a valley may lie between few points
-        wider = [box for box in boxes if _power(box, SECOND_CROWD) > _power(box, FIRST_CROWD)]
-        found += [_evolved(costs, plain, box, _power(box, SECOND_CROWD)) for box in wider]
+        wider = [b for b in boxes if _power(b[0], SECOND_CROWD) > _power(b[0], FIRST_CROWD)]
+        found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), seen) for b, seen in wider]
     cost, best = min(found, key=_cheapest)
     return [best] if cost <= plain else []
 
@@ -116,18 +116,25 @@ def _power(box: Box, crowd: int) -> int:
 
 
 def _evolved(
-    costs: Sequence[Callable[[Point | None], float]], plain: float, box: Box, power: int
+    costs: Sequence[Callable[[Point | None], float]],
+    plain: float,
+    box: Box,
+    power: int,
+    seen: dict[bytes, float],
 ) -> tuple[float, Point]:
     """Return the least cost in a box, of all folds together, and where it is.
 
     It begins with the best of the points that fill the box, two to that `power`, and ends early
     where they are nothing better than no effect at all. A point that costs more on one fold than
-    any that the search keeps is not tried on the other, which can only add to it.
+    any that the search keeps is not tried on the other, which can only add to it. Of the points
+    that fill the box, the costs are added to those `seen`: few are among many.
     """
     most = [plain]
 
     def cost(x: Array) -> float:
         """Return the cost of a point of the unit cube, or a part of it that is too much."""
+        if (known := seen.get(_key(x))) is not None:
+            return known
         point, total = box.point(x), 0.0
         for c in costs:
             total += c(point)
@@ -142,8 +149,10 @@ def _evolved(
         most[0] = float(np.max(intermediate_result.population_energies))
 
     drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(power)
-    order = np.argsort(threaded(cost, drawn), kind="stable")
-    found = differential_evolution(
+    found = threaded(cost, drawn)
+    seen |= {_key(x): c for x, c in zip(drawn, found, strict=True)}
+    order = np.argsort(found, kind="stable")
+    best = differential_evolution(
         cost,
         Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
         init=drawn[order[: CROWD * box.dimensions]],
@@ -156,7 +165,12 @@ def _evolved(
         callback=ends,
         rng=1,
     )
-    return float(found.fun), box.point(found.x)
+    return float(best.fun), box.point(best.x)
+
+
+def _key(x: Array) -> bytes:
+    """Return what tells a point of the unit cube, which the search scales to and fro."""
+    return x.round(9).tobytes()
 
 
 def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:

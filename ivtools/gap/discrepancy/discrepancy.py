@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -40,7 +40,9 @@ from ..rules import (
 from .smooth import OF_USE, Basis, Columns, beside, signals
 
 Array = NDArray[np.float64]
-
+Made = TypeVar("Made")
+#: What was made of two fits: by the one on the first fold, with the other one.
+_ByFits = WeakKeyDictionary[Fit, tuple[Fit, Made]]
 
 _NAMES = {
     "q": "position",
@@ -156,9 +158,7 @@ class Laws:
     answers: tuple[Array, ...]
     squares: tuple[Array, ...]
     swings: tuple[Swings, ...]
-    splines: WeakKeyDictionary[Fit, tuple[Fit, Spline]] = field(
-        default_factory=WeakKeyDictionary, init=False
-    )
+    splines: _ByFits[Spline] = field(default_factory=WeakKeyDictionary, init=False)
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Laws | None:
@@ -171,7 +171,7 @@ class Laws:
     @classmethod
     def _along(cls, fits: Sequence[Fit]) -> Laws | None:
         """Return the laws along the motion of fits, made anew."""
-        runs = tuple(f.fold.simulate(f.loop, f.values) for f in fits)
+        runs = tuple(f.simulation for f in fits)
         if not all(r.finite for r in runs) or any(f.fold.response is None for f in fits):
             return None
         basis = Basis.of(runs)
@@ -202,7 +202,7 @@ class Laws:
 
 
 #: The laws along the motion of a fit and that of the other fold, as long as the first one is there.
-_LAWS: WeakKeyDictionary[Fit, tuple[Fit, Laws | None]] = WeakKeyDictionary()
+_LAWS: _ByFits[Laws | None] = WeakKeyDictionary()
 
 
 def _places(parts: Mapping[str, Array], first: int = 0) -> dict[str, NDArray[np.int_]]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
-from ...linalg import as_columns, orthonormal
+from ...linalg import as_columns
 from ...linalg.swing import Swing
 from ...loop import Simulation
 from ...workers import threaded
@@ -239,7 +239,7 @@ class Columns:
     def __init__(
         self, fit: Fit, shared: Array, own: Array | None = None, square: Array | None = None
     ) -> None:
-        self.base, self.shared = orthonormal(fit.J), shared
+        self.base, self.shared = fit.basis, shared
         self.own = np.empty((len(shared), 0)) if own is None else own
         self.known = np.hstack([self.base.T @ shared, self.base.T @ self.own])
         mixed = shared.T @ self.own
@@ -324,7 +324,7 @@ def smooth_rest(before: Sequence[Fit], after: Sequence[Fit]) -> float:
 def _imitation(b: Fit) -> Columns:
     """Return what smooth laws of the state do to the error of a fit."""
     if b not in _IMITATIONS:
-        run = b.fold.simulate(b.loop, b.values)
+        run = b.simulation
         _IMITATIONS[b] = Columns(b, b.fold.answers(Basis.of([run]).additive(run)))
     return _IMITATIONS[b]
 
@@ -342,7 +342,7 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
     period : float
         Of the line over position, m or rad.
     """
-    runs = [f.fold.simulate(f.loop, f.values) for f in before]
+    runs = [f.simulation for f in before]
     smooth, bumps = Basis.of(runs, period), Basis.of(runs, period / BUMPS)
     finer = len(bumps.knots["q"]) > len(smooth.knots["q"])  # both have `MOST_KNOTS` at most
     knots = tuple(k.tobytes() for k in (*smooth.knots.values(), bumps.knots["q"]))
@@ -385,7 +385,7 @@ def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Arra
     """
     left: list[list[Array]] = [[], []]
     for f, period in zip(fits, periods, strict=True):
-        forces = Basis({}, (period,)).waves(f.fold.simulate(f.loop, f.values))
+        forces = Basis({}, (period,)).waves(f.simulation)
         columns, e = beside(f, f.fold.answers(forces)), beside(f, f.e[:, None])[:, 0]
         for found, part in zip(left, (columns[:, :2], columns[:, 2:]), strict=True):
             found.append(e - part @ normal(part, e, 1e-6))
@@ -400,5 +400,4 @@ def _explained(pair: Array) -> float:
 
 def beside(fit: Fit, columns: Array) -> Array:
     """Return what the base model cannot imitate of whitened columns."""
-    Q = orthonormal(fit.J)
-    return columns - Q @ (Q.T @ columns)
+    return columns - fit.basis @ (fit.basis.T @ columns)

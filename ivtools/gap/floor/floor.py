@@ -128,7 +128,7 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
     fold, keep = fit.fold, fit.fold.keep
     dt = fold.record.dt
     _require(raw)
-    simulation = fold.simulate(fit.loop, fit.values)
+    simulation = fit.simulation
     columns = response(features(simulation))
     if unknown is not None:
         columns = np.hstack([columns, unknown])

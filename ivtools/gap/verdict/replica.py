@@ -205,7 +205,7 @@ def _made(fit: Fit, base: Fit) -> dict[str, Array]:
     laws = [t for t in fit.loop.terms if not t.base and t.law is not None and not t.net]
     if not laws or fit.fold.response is None:
         return {}
-    run = fit.fold.simulate(fit.loop, fit.values)
+    run = fit.simulation
     if not run.finite:
         return {}
     names, forces = [], []
