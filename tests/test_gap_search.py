@@ -113,6 +113,15 @@ def test_what_dominates_one_record_may_show_little_in_the_other():
     assert not candidate.Trial.passes(trial, Rules())
 
 
+class Model:
+    """A fit without an effect, where both records have been everywhere."""
+
+    @property
+    def common(self):
+        """The same."""
+        return self
+
+
 def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatch):
     """It goes on where the best of its first generation is, if only by a tenth."""
     calls, side = {}, SimpleNamespace(scales=scales, fold=None, places={})
@@ -123,7 +132,7 @@ def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatc
             return 1.0 if point is None else best + abs(np.log(point["gap"] / 1e-4))
 
         monkeypatch.setattr(starts, "_cost", lambda *_, cost=cost: cost)
-        starts._deepest((side, side), (None, None), EFFECTS["backlash"], 2.0)
+        starts._deepest((side, side), (Model(), None), EFFECTS["backlash"], 2.0)
     assert 2 * 256 < calls[1.0] < 0.8 * calls[0.9]
 
 
@@ -139,9 +148,22 @@ def test_a_search_ends_in_a_valley_that_is_known(scales, monkeypatch):
 
         monkeypatch.setattr(starts, "_cost", lambda *_, cost=cost: cost)
         calls.clear()
-        found = starts._deepest((side, side), (None, None), EFFECTS["backlash"], 2.0)
+        found = starts._deepest((side, side), (Model(), None), EFFECTS["backlash"], 2.0)
         assert (len(calls) > 4) == searched
         assert (found == [known]) != searched
+
+
+def test_a_valley_that_is_not_there_is_not_searched_for_again(scales, monkeypatch):
+    """Unless so much is left that the search is denser, or beside another model."""
+    calls, side = [], SimpleNamespace(scales=scales, fold=None, places={})
+    monkeypatch.setattr(starts, "_cost", lambda *_: lambda point: calls.append(point) or 1.0)
+    one, other = Model(), Model()
+    for model, left, searched in (
+        (one, 2.0, True), (one, 2.0, False), (one, 9.0, True), (one, 9.0, False), (other, 2.0, True)
+    ):  # fmt: skip
+        calls.clear()
+        starts._deepest((side, side), (model, None), EFFECTS["backlash"], left)
+        assert bool(calls) == searched
 
 
 def test_smooth_laws_that_are_nearly_alike_do_not_crash():

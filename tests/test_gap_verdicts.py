@@ -223,7 +223,8 @@ def left(size, shape=SHAPE):
     """Return a stand-in of a fit that leaves so much of a shape in noise."""
     e = NOISE + size * shape
     sums = SimpleNamespace(block_sums=lambda x: x.reshape(40, 50).sum(axis=1))
-    return SimpleNamespace(fold=sums, e=e, J=np.ones((2000, 1)), cost=float(np.mean(e**2)))
+    basis = np.full((2000, 1), 2000**-0.5)
+    return SimpleNamespace(fold=sums, e=e, basis=basis, cost=float(np.mean(e**2)))
 
 
 class Leaves(SimpleNamespace):
@@ -232,7 +233,7 @@ class Leaves(SimpleNamespace):
     __hash__ = object.__hash__
 
     def __init__(self, e):
-        super().__init__(e=e, J=np.zeros((len(e), 0)))
+        super().__init__(e=e, basis=np.zeros((len(e), 0)))
 
 
 def spline(size, over=("q", "past"), shape=SHAPE):
@@ -328,8 +329,8 @@ def test_columns_that_the_base_model_has_as_well_say_nothing():
     rng = np.random.default_rng(0)
     J, own = rng.normal(size=(500, 3)), rng.normal(size=(500, 4))
     doubled = np.column_stack([J @ rng.normal(size=(3, 20)), np.zeros(500), own])
-    columns = Columns(SimpleNamespace(J=J), doubled)
     Q = np.linalg.qr(J)[0]
+    columns = Columns(SimpleNamespace(basis=Q), doubled)
     x = rng.normal(size=(500, 2))
     x -= Q @ (Q.T @ x)
     whole = np.column_stack([J, own])

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from ..linalg import as_columns, block_covariance, independent, orthonormal, solve_iv
 from ..loop import ClosedLoop, Simulation
-from ..physics import Term
+from ..physics import Parameter, Term
 from ..problem import Problem
 from ..workers import threaded
 from .fold import Fold
 from .library import Scales
-from .rules import AGAIN, CONVERGED, JACOBIANS, KEEP_JACOBIAN, REACH, SHORTER, STEP, UNSHOWN
+from .rules import AGAIN, CONVERGED, JACOBIANS, KEEP_JACOBIAN, REACH, SHORTER, STEP, STIFF, UNSHOWN
 
 Array = NDArray[np.float64]
 
@@ -192,7 +192,7 @@ def jacobian(
 
     def simulated(name: str) -> Array:
         """Return the derivative by one parameter, from one more simulation."""
-        at_top = values[name] + step[name] > loop.parameters[name].upper
+        at_top = values[name] + step[name] > _upper(fold, loop.parameters[name])
         change = -step[name] if at_top else step[name]
         return (fold.error(loop, {**values, name: values[name] + change}) - e) / change
 
@@ -264,7 +264,7 @@ def gauss_newton(
         return Fit(fold, loop, values, free, e, np.zeros((len(e), len(free))))
     J = jacobian(fold, loop, values, free, step, simulation, e, near)
     for _ in range(iterations):
-        move = _move(loop, values, free, J, e, np.array([step[n] for n in free]))
+        move = _move(fold, loop, values, free, J, e, np.array([step[n] for n in free]))
         trial, simulation, e_new = _search(fold, loop, values, free, move, e, simulation)
         gain = 1.0 - (e_new @ e_new) / (e @ e)
         if trial is None or gain <= 0.0:
@@ -278,6 +278,7 @@ def gauss_newton(
 
 
 def _move(
+    fold: Fold,
     loop: ClosedLoop,
     values: Mapping[str, float],
     free: Sequence[str],
@@ -292,9 +293,8 @@ def _move(
 
     J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, section 16.7.
     """
-    low, high = (
-        np.array([getattr(loop.parameters[n], end) for n in free]) for end in ("lower", "upper")
-    )
+    low = np.array([loop.parameters[n].lower for n in free])
+    high = np.array([_upper(fold, loop.parameters[n]) for n in free])
     at = np.array([values[n] for n in free])
     inside, move = np.ones(len(free), dtype=bool), np.zeros(len(free))
     for _ in free:
@@ -340,7 +340,7 @@ def _search(
     for factor in SHORTER:
         trial = {**values}
         for name, change in zip(free, move, strict=True):
-            trial[name] = _bounded(loop, name, values[name], factor * change)
+            trial[name] = _bounded(fold, loop, name, values[name], factor * change)
         trial = heavy_enough(fold, loop, trial)
         found = fold.simulate(loop, trial)
         e_new = fold.judged(loop, found)
@@ -351,12 +351,17 @@ def _search(
     return None, simulation, e
 
 
-def _bounded(loop: ClosedLoop, name: str, value: float, change: float) -> float:
+def _upper(fold: Fold, p: Parameter) -> float:
+    """Return the largest value of a parameter: what is stiffer is not told from it."""
+    return min(p.upper, STIFF * p.rigid / fold.record.dt)
+
+
+def _bounded(fold: Fold, loop: ClosedLoop, name: str, value: float, change: float) -> float:
     """Move a parameter within its bounds; one that must be positive moves by a factor at most."""
     p, new = loop.parameters[name], value + change
     if name == "inertia" or (not p.linear and p.lower >= 0.0 and value > 0.0):
         new = float(np.clip(new, value / REACH, value * REACH))
-    return float(np.clip(new, p.lower, p.upper))
+    return float(np.clip(new, p.lower, _upper(fold, p)))
 
 
 def heavy_enough(fold: Fold, loop: ClosedLoop, values: dict[str, float]) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,10 @@ Array = NDArray[np.float64]
 
 #: Values of an effect's parameters, by short name.
 Point = dict[str, float]
+
+#: Effects of which no valley was found beside a model, by its fit where both folds have been, and
+#: the whitened energy that everything else left: where it is large, points were denser.
+_NOTHING: WeakKeyDictionary[Fit, dict[str, float]] = WeakKeyDictionary()
 
 
 def starts(
@@ -82,7 +87,8 @@ def _deepest(
 ) -> list[Point]:
     """Return the point with the least error on both folds together, by differential evolution.
 
-    None where each is worse than no effect at all; that which is known where it is not.
+    None where each is worse than no effect at all; that which is known where it is not. Where there
+    is nothing beside a model, there is nothing beside it where both folds have been.
 
     A valley that is too narrow for gradients is at the same place in both folds, and the false
     ones are not; it is as narrow in a part of the record as in all of it, and wider the shorter
@@ -90,6 +96,9 @@ def _deepest(
 
     R. Storn, K. Price, "Differential evolution", J. Global Optimization 11, 1997.
     """
+    before = _NOTHING.get(fits[0], {}).get(term.name)
+    if before is not None and (left <= LARGE or before > LARGE):
+        return []
     costs = [_cost(s.fold, f, term) for s, f in zip(sides, fits, strict=True)]
     rigid = [c(None) for c in costs]
     costs = [costs[k] for k in np.argsort(rigid)[::-1]]  # the one that shows most first
@@ -103,6 +112,8 @@ def _deepest(
         wider = [b for b in boxes if _power(b[0], SECOND_CROWD) > _power(b[0], FIRST_CROWD)]
         found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), seen) for b, seen in wider]
     cost, best = min(found, key=_cheapest)
+    if cost > HOPELESS * plain:
+        _NOTHING.setdefault(fits[0].common, {})[term.name] = left
     return [best] if cost <= plain else []
 
 

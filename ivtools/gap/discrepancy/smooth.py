@@ -241,8 +241,11 @@ class Columns:
     ) -> None:
         self.base, self.shared = fit.basis, shared
         self.own = np.empty((len(shared), 0)) if own is None else own
-        self.known = np.hstack([self.base.T @ shared, self.base.T @ self.own])
-        mixed = shared.T @ self.own
+        few = np.hstack([self.base, self.own])
+        products = few.T @ shared  # in one go over what is large
+        split = self.base.shape[1]
+        self.known = np.hstack([products[:split], self.base.T @ self.own])
+        mixed = products[split:].T
         first = shared.T @ shared if square is None else square
         whole = np.block([[first, mixed], [mixed.T, self.own.T @ self.own]])
         self.square = np.asarray(whole - self.known.T @ self.known)  # of what the base leaves
@@ -262,7 +265,8 @@ class Columns:
     def times(self, beta: Array) -> Array:
         """Return the columns times their coefficients, (n_kept, ...)."""
         split = self.shared.shape[1]
-        whole = self.shared @ beta[:split] + self.own @ beta[split:]
+        used = np.flatnonzero(beta[:split].reshape(split, -1).any(axis=1))  # most laws have few
+        whole = self.shared.T[used].T @ beta[used] + self.own @ beta[split:]
         return np.asarray(whole - self.base @ (self.known @ beta))
 
     def left(self, x: Array, count: int | None = None) -> Array:
