@@ -265,8 +265,12 @@ class Columns:
     def times(self, beta: Array) -> Array:
         """Return the columns times their coefficients, (n_kept, ...)."""
         split = self.shared.shape[1]
-        used = np.flatnonzero(beta[:split].reshape(split, -1).any(axis=1))  # most laws have few
-        whole = self.shared.T[used].T @ beta[used] + self.own @ beta[split:]
+        shared, own = beta[:split], beta[split:]
+        used = np.flatnonzero(shared.reshape(split, -1).any(axis=1))
+        if 2 * len(used) < split:  # a copy of few is sooner made than all are gone over
+            whole = self.shared.T[used].T @ shared[used] + self.own @ own
+        else:
+            whole = self.shared @ shared + self.own @ own
         return np.asarray(whole - self.base @ (self.known @ beta))
 
     def left(self, x: Array, count: int | None = None) -> Array:
