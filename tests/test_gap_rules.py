@@ -90,13 +90,15 @@ def test_effects_of_the_same_size_are_not_ambiguous_for_that():
 
 
 def test_evidence_counts_in_the_right_direction():
-    weak = Evidence(gain=0.03, t=7.0, disagreement=1.5, rival=0.9, share=0.1, left=1.5)
+    weak = Evidence(gain=0.03, t=7.0, disagreement=1.5, rival=0.9, share=0.1, left=1.5,
+                    unlike=0.5, evenness=0.3)  # fmt: skip
     for better in (
         {"t": 50.0},
         {"disagreement": 1.0},
         {"rival": 0.0},
-        {"left": 1.0},
         {"gain": 0.5},
+        {"evenness": 1.0},
+        {"stands": True},
     ):
         assert probability(Evidence(**{**weak.to_dict(), **better})) > probability(weak)
 

@@ -109,16 +109,15 @@ def evidence(
 
 def features(proof: Evidence) -> dict[str, float]:
     """Return the evidence on the scales on which it adds up."""
-    removed = proof.gain * proof.left / max(1.0 - proof.gain, LEAST_EVIDENCE)
-    gap = max(removed + max(proof.left - 1.0, 0.0), 1e-9)  # what was left to explain before it
     alone = not proof.stands
     doubt = alone * (1.0 - proof.unlike)  # a smooth law without a name may be behind it
     even = proof.evenness * max(proof.left, 1.0) ** UNEVEN_LEFT
+    removed = max(proof.gain, LEAST_EVIDENCE) / max(1.0 - proof.gain, LEAST_EVIDENCE)
     return {
         "t": float(np.log(max(proof.t, 1.0))),
         "disagreement": float(np.log(min(max(proof.disagreement, 1.0), MOST_DISAGREEMENT))),
         "rival": alone * float(np.clip(proof.rival, 0.0, 1.0)),
-        "share": alone * proof.unlike * float(np.log(np.clip(removed / gap, LEAST_EVIDENCE, 1.0))),
+        "gain": alone * proof.unlike * float(np.log(removed)),
         "evenness": doubt * float(np.log(np.clip(even, LEAST_EVENNESS, 1.0))),
     }
 
