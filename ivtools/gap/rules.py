@@ -404,8 +404,8 @@ UNLIKELY = 0.14
 #: Ends of the scales of evidence: least gain and rest, most disagreement, least evenness: beyond
 #: them nothing more is said by more (training).
 LEAST_EVIDENCE, MOST_DISAGREEMENT, LEAST_EVENNESS = 1e-3, 4.0, 0.03
-#: No name is surer (judgement: all 679 above 0.98 are right, but what is there may be of a kind that
-#: was never drawn).
+#: No name is surer (judgement: all 679 above 0.98 are right, but a cause may be of a kind that was
+#: never drawn).
 SUREST = 0.99
 #: Probability below which nothing is named (training: names of smooth backgrounds lie below; of
 #: nine between 0.5 and 0.7 seven are right, too few to count on).
