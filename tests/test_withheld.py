@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import statsmodels.api as sm
 
 import ivtools as iv
 from ivtools.loop.axis_file import from_tables
@@ -22,6 +23,7 @@ from benchmarks.withheld import (  # noqa: E402
     scores,
     truth,
     unknowns,
+    weights,
 )  # fmt: skip
 from benchmarks.withheld.cases import DETECTABLE, draw  # noqa: E402
 from benchmarks.withheld.experiments import Experiment, play, record, signature  # noqa: E402
@@ -218,6 +220,25 @@ def test_probabilities_that_are_right_are_reliable():
         for p in rng.uniform(0.2, 1.0, 2000)
     ]
     assert calibration.reliability(calibration.stated(rows)).error < 0.04
+
+
+def test_weights_are_those_of_a_logistic_regression():
+    rng = np.random.default_rng(1)
+    X = rng.normal(size=(4000, 3)) * [1.0, 5.0, 0.2] + [2.0, 0.0, -1.0]
+    z = X @ [1.0, -0.3, 4.0] + 2.5
+    y = (rng.uniform(size=len(z)) < 1.0 / (1.0 + np.exp(-z))).astype(float)
+    peer = sm.Logit(y, sm.add_constant(X)).fit(disp=0).params
+    np.testing.assert_allclose(weights.fit(X, y), peer, rtol=0.02)
+
+
+def test_a_run_notes_the_evidence_for_its_names(tmp_path):
+    task = next(t for t in SUITES["single"](range(1)) if t.effects == ("spring",))
+    (row,) = run([task], tmp_path / "single.jsonl", jobs=1, truth=False)
+    (found,), proof = weights.rows(tmp_path), row["found"]["evidence"]["spring"]
+    assert found["name"] == "spring" and found["right"] and found["given"]
+    assert {n: found[n] for n in proof} == pytest.approx(proof)  # made anew, to rounding
+    names, X = weights.design([found])
+    assert X.shape == (1, len(names)) and np.isfinite(X).all()
 
 
 def test_a_gap_of_an_arm_is_one():
