@@ -107,6 +107,8 @@ def visible(table: pd.DataFrame) -> Figure:
     ranges = [f"{b.left:g} to {b.right:g}" for b in shares.index[:-1]]
     axes.set_xticks(range(len(shares)), [*ranges, f"above {shares.index[-1].left:g}"])
     axes.set(xlabel="signature over noise and background", ylabel="cases")
+    axes.set_ylim(0, 1.05 * max(left))
+    axes.yaxis.get_major_locator().set_params(integer=True)
     axes.legend(fontsize="small")
     return figure
 

@@ -290,8 +290,8 @@ CONVERGED = 3e-4
 UNSHOWN = 0.01
 #: Finite difference, in natural units of a parameter (numerics).
 STEP = 0.01
-#: Oscillations in a sample at most, of those that are as good as rigid under a known load
-#: (numerics: of stiffer contacts each simulation takes ten times as long and tells the same).
+#: Oscillations of a contact in a sample at most, as a multiple of those that are as good as rigid
+#: (`Parameter.rigid`; numerics: a stiffer one takes ten times as long and tells the same).
 STIFF = 4.0
 #: Largest step of a shape parameter, as a factor (numerics).
 REACH = 3.0
