@@ -176,8 +176,8 @@ class Laws:
             return None
         basis = Basis.of(runs)
         before = _warmth(fits, runs, basis)
-        both = zip(runs, before, strict=True)
-        parts = _alike([{**basis.parts(r), "warm": basis.heat(r, w)} for r, w in both])
+        own = threaded(lambda r, w: {**basis.parts(r), "warm": basis.heat(r, w)}, runs, before)
+        parts = _alike(own)
         place = _places(parts[0])
         forces = tuple(np.hstack(list(p.values())) for p in parts)
         answers = tuple(threaded(lambda f, F: f.fold.answers(F), fits, forces))
@@ -320,15 +320,17 @@ def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
 
 def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ...]:
     """Return the most likely periods of friction that is periodic over position."""
-    found: list[float] = []
-    for f, run in zip(fits, runs, strict=True):
+
+    def found(f: Fit, run: Simulation) -> list[float]:
+        """Return those of one fold."""
         v = run.dq[:, 0]
         e = beside(f, f.e[:, None])[:, 0]
         weights = (np.sign(v), v / max(float(np.max(np.abs(v))), 1e-300))
         assert f.fold.response is not None
         lines = spatial_lines.strongest(f.fold, f.fold.response, e, run, weights, 1)
-        found += [p for line in lines for p in line]
-    return tuple(found)
+        return [p for line in lines for p in line]
+
+    return tuple(p for each in threaded(found, fits, runs) for p in each)
 
 
 def _swings(f: Fit, run: Simulation) -> Swings:
@@ -401,9 +403,8 @@ class _Search:
         more = [np.hstack(list(p.values())) for p in parts]
         self.place = {**laws.place, **_places(parts[0], len(laws.squares[0]))}
         self.forces = list(zip(laws.forces, more, strict=True))
-        own = [f.fold.answers(F) for f, F in zip(fits, more, strict=True)]
-        folds = zip(fits, laws.answers, own, laws.squares, strict=True)
-        self.seen = [Columns(*fold) for fold in folds]
+        own = threaded(lambda f, F: f.fold.answers(F), fits, more)
+        self.seen = threaded(Columns, fits, laws.answers, own, laws.squares)
         self.squares = [c.square for c in self.seen]
         self.rests = [beside(f, f.e[:, None])[:, 0] for f in fits]
         self.sides = [c.side(e) for c, e in zip(self.seen, self.rests, strict=True)]
