@@ -163,10 +163,7 @@ class Laws:
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Laws | None:
         """Return the laws along the motion of fits, one on each fold; None if a loop diverges."""
-        one, two = fits
-        if (known := _LAWS.get(one)) is None or known[0] is not two:
-            known = _LAWS[one] = two, cls._along(fits)
-        return known[1]
+        return _once(_LAWS, fits, cls._along)
 
     @classmethod
     def _along(cls, fits: Sequence[Fit]) -> Laws | None:
@@ -191,10 +188,7 @@ class Laws:
         What it may depend on is added one by one, the most telling first, as long as held-out data
         are significantly better predicted: columns without need cost more than they bring.
         """
-        one, two = fits
-        if (known := self.splines.get(one)) is None or known[0] is not two:
-            known = self.splines[one] = two, _Search(fits, self).best()
-        return known[1]
+        return _once(self.splines, fits, lambda both: _Search(both, self).best())
 
     def of_use(self, fits: Sequence[Fit]) -> Spline:
         """Return the same of friction that remembers how much the axis moved."""
@@ -203,6 +197,14 @@ class Laws:
 
 #: The laws along the motion of a fit and that of the other fold, as long as the first one is there.
 _LAWS: _ByFits[Laws | None] = WeakKeyDictionary()
+
+
+def _once(kept: _ByFits[Made], fits: Sequence[Fit], make: Callable[[Sequence[Fit]], Made]) -> Made:
+    """Return what is made of two fits, which is made again for others only."""
+    one, two = fits
+    if (known := kept.get(one)) is None or known[0] is not two:
+        known = kept[one] = two, make(fits)
+    return known[1]
 
 
 def _places(parts: Mapping[str, Array], first: int = 0) -> dict[str, NDArray[np.int_]]:

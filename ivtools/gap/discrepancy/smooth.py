@@ -178,6 +178,7 @@ class Basis:
         """Return second differences."""
 
         def curved(knots: str) -> Array:
+            """Return those of the hats over one signal."""
             return np.diff(self._unit(knots), 2, axis=0)
 
         if name in ("q", "dq", "load"):
