@@ -305,19 +305,35 @@ def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
 
     R. Frisch, F. V. Waugh, Econometrica 1(4), 1933: a coefficient beside other regressors.
     """
+    found = beside_law(before, held)
+    return bool(found) and all(
+        own > UNSHARED and 1.0 / AS_LARGE <= size <= AS_LARGE for own, size in found
+    )
+
+
+def beside_law(before: Sequence[Fit], held: Sequence[Fit]) -> list[tuple[float, float]]:
+    """Return what an effect has of its own beside a force without a name, and its size there.
+
+    Its share and, relative to that by itself, its amplitude, on each fold; nothing where there is
+    no such force.
+
+    Parameters
+    ----------
+    before, held : sequence of Fit
+        The model without and with the effect, which the other fold has fitted.
+    """
     laws = Laws.of(before)
     law = None if laws is None else laws.fitted(before)
-    if law is None or not law.over:  # nothing was there to stand beside
-        return False
+    if law is None or not law.over:
+        return []
     changes = [beside(b, (h.e - b.e)[:, None])[:, 0] for b, h in zip(before, held, strict=True)]
     errors = [beside(b, b.e[:, None])[:, 0] for b in before]
-    for x, own, e in zip(changes, law.rest(changes), errors, strict=True):
-        energy = float(own @ x)
-        if energy <= UNSHARED * float(x @ x):
-            return False
-        if not 1.0 / AS_LARGE <= -float(own @ e) / energy <= AS_LARGE:
-            return False
-    return True
+    found = []
+    for x, rest, e in zip(changes, law.rest(changes), errors, strict=True):
+        energy = float(rest @ x)
+        own = energy / max(float(x @ x), 1e-300)
+        found.append((own, -float(rest @ e) / energy if energy > 0.0 else 0.0))
+    return found
 
 
 def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ...]:
