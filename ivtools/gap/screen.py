@@ -49,17 +49,26 @@ class Score:
 
 
 @dataclass(frozen=True, eq=False)
-class _Direction:
-    """Changes of the whitened error from one starting point, and how to read their coefficients.
-
-    Beside the base model.
-    """
+class _Start:
+    """One starting point of an effect, and whose sizes the coefficients of its columns are."""
 
     term: Term
     shape: dict[str, float]
     names: tuple[str, ...]
-    columns: Array  # (n_kept, m); until all are answered at once, the forces, (n_samples, m)
-    answered: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Push(_Start):
+    """The forces of an effect, which are still to be answered."""
+
+    forces: Array  # (n_samples, m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Direction(_Start):
+    """Changes of the whitened error."""
+
+    columns: Array  # (n_kept, m)
 
 
 def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
@@ -88,26 +97,27 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
         for shape in _shapes(term, side.scales, lines)
     ]
     found: dict[str, list[Score]] = {}
-    for d in _beside([d for d in tried if d is not None], side.fold, basis):
+    for d in _beside(list(filter(None, tried)), side.fold, basis):
         found.setdefault(d.term.name, []).append(_score(d, e, fold))
     return {name: _best(scores) for name, scores in found.items()}
 
 
-def _beside(directions: list[_Direction], fold: Fold, basis: Array) -> Iterator[_Direction]:
-    """Yield what directions change beside a base model, all of them answered at once.
+def _beside(tried: list[_Push | _Direction], fold: Fold, basis: Array) -> Iterator[_Direction]:
+    """Yield what starting points change beside a base model, all forces answered at once.
 
     Those are left out whose loop has diverged.
     """
-    forces = [d for d in directions if not d.answered]
-    wide = fold.answers(as_columns(f for d in forces for f in d.columns.T))
-    edges = np.cumsum([0, *(d.columns.shape[1] for d in forces)])
-    parts = dict(zip(forces, map(slice, edges[:-1], edges[1:]), strict=True))
+    pushes = [d for d in tried if isinstance(d, _Push)]
+    forces = [f for d in pushes for f in d.forces.T]
+    wide = fold.answers(as_columns(forces)) if forces else np.empty((len(basis), 0))
+    edges = np.cumsum([0, *(d.forces.shape[1] for d in pushes)])
+    parts = dict(zip(pushes, map(slice, edges[:-1], edges[1:]), strict=True))
     known = basis.T @ wide
-    for d in directions:
-        columns = d.columns if d.answered else wide[:, parts[d]]
+    for d in tried:
+        columns = wide[:, parts[d]] if isinstance(d, _Push) else d.columns
         if _sound(columns):
-            own = basis.T @ columns if d.answered else known[:, parts[d]]
-            yield replace(d, columns=columns - basis @ own, answered=True)
+            own = known[:, parts[d]] if isinstance(d, _Push) else basis.T @ columns
+            yield _Direction(d.term, d.shape, d.names, columns - basis @ own)
 
 
 def _best(scores: list[Score]) -> Score:
@@ -133,19 +143,19 @@ def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[d
 
 def _direction(
     side: Side, fit: Fit, now: Simulation, term: Term, shape: dict[str, float]
-) -> _Direction | None:
+) -> _Push | _Direction | None:
     """Return the force of an effect, or the change that it makes; None if the loop diverges."""
     if term.law is not None and term.search != "valleys":
         linear = [i for i, p in enumerate(term.parameters) if p.linear]
         names = tuple(term.parameters[i].name for i in linear)
         forces = as_columns(unit_force(term, i, shape, now) for i in linear or [-1])
-        return _Direction(term, shape, names, forces)
+        return _Push(term, shape, names, forces)
     if term.as_force is not None:
         names = tuple(p.name for p in term.parameters if p.linear)
         own = [shape[p.name] for p in term.parameters if not p.linear]
         q, dt = now.q[:, 0], fit.fold.record.dt
         forces = term.as_force(q, dt, fit.values["inertia"], *own)
-        return _Direction(term, shape, names, forces)
+        return _Push(term, shape, names, forces)
     key = (term.name, *shape.items())
     if key not in side.simulated:
         loop = fit.loop.with_effect(term, **shape)
@@ -154,7 +164,7 @@ def _direction(
     change = side.simulated[key]
     if not np.isfinite(change[-1]):
         return None
-    return _Direction(term, shape, (), side.fold.white(change)[:, None], answered=True)
+    return _Direction(term, shape, (), side.fold.white(change)[:, None])
 
 
 def unit_force(term: Term, index: int, shape: dict[str, float], simulation: Simulation) -> Array:
