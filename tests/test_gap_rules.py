@@ -14,7 +14,7 @@ from benchmarks import moves
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import rules
-from ivtools.gap.attribute import Evidence, probability
+from ivtools.gap.attribute import Attribution, Evidence, probability, selection
 from ivtools.gap.candidate import Trial
 from ivtools.gap.rules import LIKELY, Rules
 from ivtools.loop.axis_file import from_tables
@@ -101,6 +101,28 @@ def test_evidence_counts_in_the_right_direction():
         {"stands": True},
     ):
         assert probability(Evidence(**{**weak.to_dict(), **better})) > probability(weak)
+    assert probability(replace(weak, surpassed=True)) < probability(weak)
+
+
+def test_a_load_that_rattles_needs_few_blocks_if_nothing_else_looks_like_it():
+    proof = Evidence(gain=0.2, t=2.5, disagreement=1.3, rival=0.2, share=0.3, left=3.0,
+                     unlike=0.95, evenness=0.03)  # fmt: skip
+    assert probability(proof) < LIKELY < probability(replace(proof, apart=True))
+    assert probability(replace(proof, apart=True, rival=0.5)) < LIKELY
+    assert probability(replace(proof, apart=True, surpassed=True)) < LIKELY
+
+
+@pytest.mark.parametrize(
+    ("left", "first", "taken"),
+    [(1.02, 0.99, ()), (1.1, 0.99, ()), (1.4, 0.99, ("two",)), (1.4, 0.5, ("one",))],
+)
+def test_a_further_name_is_not_slight_beside_what_all_leave(left, first, taken, monkeypatch):
+    """The first that is likely is none: it is not held against what it is found beside."""
+    pairs = {name: (None, SimpleNamespace(removed=0.05)) for name in ("one", "two")}
+    monkeypatch.setattr(selection, "probability", {"one": first, "two": 0.9}.get)
+    found = Attribution((), (), (SimpleNamespace(cost=left),), tuple(pairs), Rules())
+    vars(found).update(_winners=pairs, evidence={name: name for name in pairs})
+    assert found.doubtful == taken
 
 
 def test_uneven_blocks_speak_only_against_a_name_that_a_smooth_law_could_stand_for():

@@ -11,9 +11,10 @@ from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import candidate, fit, parity
 from ivtools.gap.attribute import attribute, selection
-from ivtools.gap.candidate import starts
+from ivtools.gap.candidate import frozen, starts
 from ivtools.gap.diagnose import Task as Asked
 from ivtools.gap.diagnose import begin
+from ivtools.gap.fit import gauss_newton, steps
 from ivtools.gap.floor import folds, measure, prepared
 from ivtools.gap.floor.floor import _refit, events, lasting
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
@@ -72,6 +73,40 @@ def test_a_load_without_friction_has_a_box_of_its_own(scales):
     assert len(Box.of(EFFECTS["flexibility"], scales)) == 1  # its share begins at zero
 
 
+def test_a_load_that_rattles_in_one_of_two_records_is_told_by_stretches_of_that_one():
+    """Nothing replicates between a record that rattles and one that does not."""
+    true = {"gap": 2e-4, "load_share": 0.3, "load_friction": 0.0, "contact_hz": 150.0}
+    loop, theta = axis("backlash", **true, load_offset=0.0, damping=0.3)
+    calm = moves.record(iv.axes.emps(), iv.axes.emps().values(BASE), 16.0, 16)
+    rattles = moves.record(loop, theta, 16.0, 17)
+    for pair in ((calm, rattles), (rattles, calm)):
+        gap = iv.diagnose(pair[0], iv.axes.emps(), pair[1])
+        assert gap.effects == ("backlash",) and not gap.shrink.held_out
+        assert any(f"stretches of {rattles.name} tell" in f.text for f in gap.findings)
+        assert gap.shrink.after < gap.shrink.before
+
+
+def test_an_effect_that_was_fitted_to_some_samples_is_frozen_on_all():
+    """Its Jacobian has a row per sample, and serves the first step on the same ones only."""
+    base = iv.axes.emps()
+    records = tuple(moves.record(base, base.values(BASE), 8.0, s) for s in (3, 13))
+    measured = (measure(prepared(r, parity.check(r, base), records)) for r in records)
+    sides, fits = folds(tuple(measured))
+    few = [s.fold.only(np.arange(s.fold.record.n_samples) % 2 == 0, "half") for s in sides]
+    parts = tuple(gauss_newton(h, f.loop, f.values, f.free, steps(h, f.loop, s.scales))
+                  for h, f, s in zip(few, fits, sides, strict=True))  # fmt: skip
+    held = frozen(sides, parts)
+    assert [len(h.e) for h in held] == [s.fold.n_kept for s in sides]
+    assert [h.J.shape[0] for h in held] == [s.fold.n_kept for s in sides]
+
+
+def test_a_diagnosis_may_look_for_second_masses_only():
+    others = [name for name, term in EFFECTS.items() if not term.second_mass]
+    loop, theta = axis("flexibility", frequency_hz=20.0, damping=0.03, load_share=0.3)
+    one, two = (moves.record(loop, theta, 16.0, s) for s in (3, 13))
+    assert iv.diagnose(one, iv.axes.emps(), two, without=others).effects == ("flexibility",)
+
+
 def test_a_backlash_before_a_load_without_friction_is_found():
     """Very little friction there makes another motion than none: no gradient leads to it."""
     true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.0, "contact_hz": 220.0}
@@ -104,6 +139,8 @@ def test_what_dominates_one_record_may_show_little_in_the_other():
         inside=True,
         lowers=True,
         distinct=True,
+        same_gap=True,
+        apart=False,
     )
     trial._reaches = lambda least: candidate.Trial._reaches(trial, least)
     assert candidate.Trial.passes(trial, Rules())
@@ -438,7 +475,7 @@ def test_effects_that_share_a_gap_are_found_together(seed, pair, monkeypatch):
     loop, one, two, _ = drawn("two", seed, pair)
     assert set(iv.diagnose(one, loop, two).effects) == set(pair)
     monkeypatch.setattr(selection, "_pair", lambda *_: [])
-    monkeypatch.setattr(selection.Trial, "stands", False)
+    monkeypatch.setattr(selection.Trial, "stands", lambda *_: False)
     assert iv.diagnose(one, loop, two).effects == ()
 
 

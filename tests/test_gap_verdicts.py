@@ -262,7 +262,7 @@ def test_a_name_that_spares_a_force_without_one_a_signal_may_fall_a_little_short
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_an_effect_stands_beside_a_force_without_a_name_that_only_resembles_it(seed, monkeypatch):
+def test_an_effect_stands_beside_a_force_without_a_name_that_only_resembles_it(seed):
     """Both folds of random laws: one effect is there beside the law, another is near the law."""
     rng = np.random.default_rng(seed)
     folds = []
@@ -280,13 +280,12 @@ def test_an_effect_stands_beside_a_force_without_a_name_that_only_resembles_it(s
         return [Leaves(e) for e in errors]
 
     laws = SimpleNamespace(fitted=lambda fits: Spline(("q",), 0.0, (), rest=rest))
-    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
     before = fits(*(e for *_, e in folds))
     names = {}
     for name, change in {"true": [f[1] for f in folds], "like": [f[2] for f in folds]}.items():
         amplitude = [x @ f.e / (x @ x) for x, f in zip(change, before, strict=True)]
         held = fits(*(f.e - a * x for f, a, x in zip(before, amplitude, change, strict=True)))
-        names[name] = discrepancy.stands(before, held)
+        names[name] = discrepancy.stands(before, held, laws)
     assert names == {"true": True, "like": False}
 
 
@@ -302,10 +301,10 @@ def test_an_effect_of_time_or_use_falls_where_friction_that_remembers_use_does_b
     laws = SimpleNamespace(fitted=lambda f: law if f is base else both, of_use=lambda f: law)
     monkeypatch.setattr(selection.Laws, "of", lambda fits: laws)
     trial = SimpleNamespace(term=EFFECTS[effect], unlike=0.9)  # no law of the state could have it
-    assert selection._names_kept([base, held], laws, [(trial,)], Rules()) == names
+    assert selection._names_kept([base, held], laws, [(trial,)], Rules()) == (names, names)
     timed = trial.term.of_time  # with nothing left there is no law to see it by
     found = selection._names_kept([base, held], None, [(trial,)], Rules())
-    assert found == (0 if timed else 1)
+    assert found == ((0, 0) if timed else (1, 1))
 
 
 def test_forces_that_remember_have_one_unit_on_every_fold():

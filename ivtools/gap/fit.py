@@ -180,14 +180,17 @@ def jacobian(
     A parameter of a force law acts through its force along the simulated trajectory and the
     loop's linear response; one that changes the structure is simulated once more, and so is every
     one where a robot's link is behind a second mass: the response is that of a rigid joint. What
-    a fit `near` by knows of these need not be simulated.
+    a fit `near` by knows is taken from there.
     """
     rigid = fold.link is None or not any(t.search == "valleys" for t in loop.terms)
     owner = {n: t for t in loop.terms for n in t.names}
     forces, J = {}, np.empty((len(e), len(free)))
+    known = () if near is None else near.free
     for column, name in enumerate(free):
         term = owner[name]
-        if rigid and term.law is not None and fold.response is not None:
+        if near is not None and name in known:
+            J[:, column] = near.J[:, known.index(name)]
+        elif rigid and term.law is not None and fold.response is not None:
             forces[column] = _law_change(term, name, values, step[name], simulation)
 
     def simulated(name: str) -> Array:
@@ -196,11 +199,7 @@ def jacobian(
         change = -step[name] if at_top else step[name]
         return (fold.error(loop, {**values, name: values[name] + change}) - e) / change
 
-    known = () if near is None else near.free
     others = [k for k, name in enumerate(free) if k not in forces and name not in known]
-    for k, name in enumerate(free):
-        if near is not None and k not in forces and name in known:
-            J[:, k] = near.J[:, known.index(name)]
     for column, slope in zip(others, threaded(simulated, [free[k] for k in others]), strict=True):
         J[:, column] = slope
     if forces:

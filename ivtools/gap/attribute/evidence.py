@@ -14,12 +14,15 @@ from ..rules import (
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     MOST_DISAGREEMENT,
+    NO_RIVAL,
     OUTDONE,
+    SURE_APART,
     SUREST,
     UNEVEN_LEFT,
     UNLIKELY,
     UNNAMED,
     WEIGHTS,
+    Rules,
 )
 
 
@@ -52,6 +55,11 @@ class Evidence:
     stands : bool
         Whether its amplitude is the same beside a force without a name, if that was asked: then
         what else is in the gap is not asked for.
+    surpassed : bool
+        Whether a force without a name predicts held-out data better by itself than beside it.
+    apart : bool
+        Whether it is the motion of a second mass that removes much, and no smooth law could have
+        most of that: then few blocks are enough.
     """
 
     gain: float
@@ -64,11 +72,18 @@ class Evidence:
     unlike: float = 1.0
     evenness: float = 1.0
     stands: bool = False
+    surpassed: bool = False
+    apart: bool = False
 
     @property
     def outdone(self) -> bool:
         """Whether an effect that cannot be named removes more, and much of the gap is left."""
         return self.rival > OUTDONE and self.explained < ENOUGH
+
+    @property
+    def unrivalled(self) -> bool:
+        """Whether neither smooth laws nor other effects have anything of what it removes."""
+        return self.apart and self.rival < NO_RIVAL and not self.surpassed
 
     def to_dict(self) -> dict[str, float | bool]:
         """Return the JSON of the evidence."""
@@ -104,6 +119,7 @@ def evidence(
         explained=1.0 - max(cost(held) - max(lawless(base), UNNAMED), 0.0) / whole if held else 1.0,
         unlike=trial.unlike,
         evenness=trial.evenness(held) if held else 1.0,
+        apart=trial.apart and float(np.min(trial.gains)) >= Rules.rough.gain,
     )
 
 
@@ -118,6 +134,7 @@ def features(proof: Evidence) -> dict[str, float]:
         "disagreement": float(np.log(min(max(proof.disagreement, 1.0), MOST_DISAGREEMENT))),
         "rival": alone * float(np.clip(proof.rival, 0.0, 1.0)),
         "gain": alone * proof.unlike * float(np.log(removed)),
+        "surpassed": float(proof.surpassed),
         "evenness": doubt * float(np.log(np.clip(even, LEAST_EVENNESS, 1.0))),
     }
 
@@ -143,7 +160,8 @@ def probability(proof: Evidence) -> float:
     if proof.outdone:
         return UNLIKELY
     z = WEIGHTS["constant"] + sum(WEIGHTS[n] * x for n, x in features(proof).items())
-    return min(float(1.0 / (1.0 + np.exp(-z))), SUREST)
+    least = SURE_APART if proof.unrivalled else 0.0
+    return min(max(float(1.0 / (1.0 + np.exp(-z))), least), SUREST)
 
 
 def cost(fits: Sequence[Fit]) -> float:

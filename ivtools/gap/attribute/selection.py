@@ -8,7 +8,7 @@ forward selection add one effect each; a backward pass drops what a later one ma
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from ...physics import Term
 from ...workers import threaded
 from ..candidate import Trial, frozen
 from ..discrepancy import Laws, Spline, advantage, least_t, nothing
-from ..fit import Fit, common, gauss_newton, of_effect, steps
+from ..fit import Fit, common, gauss_newton, normal, of_effect, steps
 from ..fold import Side
 from ..library import library
 from ..rules import (
@@ -32,9 +32,11 @@ from ..rules import (
     MOST,
     PAIR_ROUNDS,
     SEVERAL,
+    SLIGHT,
     SPARED,
     STANDARD_ERRORS,
     SUPERFLUOUS,
+    SURELY_NEEDED,
     TIE,
     UNLIKE_SMOOTH,
     Rules,
@@ -76,10 +78,12 @@ class Attribution:
     rules : Rules
     rounds : tuple of Round
         The forward selection; the first names nothing if there is nothing to name.
+    laws : Laws, optional
+        Forces without a name along the motion of the base model, if something is left.
+    surpassed : frozenset of str
+        Effects without which such a force predicts better than with them.
     full : tuple of Fit
         As `held`, with the effects that were taken back because their names were doubtful.
-    laws : Laws, optional
-        Forces without a name along the motion of the fullest model, if something is left.
     supposed : Supposed, optional
         What most of the gap is without, where nothing is named.
     """
@@ -90,8 +94,9 @@ class Attribution:
     named: tuple[str, ...]
     rules: Rules
     rounds: tuple[Round, ...] = ()
-    full: tuple[Fit, ...] = ()
     laws: Laws | None = None
+    surpassed: frozenset[str] = frozenset()
+    full: tuple[Fit, ...] = ()
     supposed: Supposed | None = None
 
     @property
@@ -145,6 +150,17 @@ class Attribution:
         return r.rivals(self.rules, cost(self.held))
 
     @cached_property
+    def doubtful(self) -> tuple[str, ...]:
+        """Names that are hardly more often right than wrong, and slight further ones.
+
+        What removes little beside what all of them leave may be more of that.
+        """
+        likely = [n for n, proof in self.evidence.items() if probability(proof) >= LIKELY]
+        least = SLIGHT * (cost(self.held) - 1.0)
+        slight = {n for n in likely[1:] if self._winners[n][1].removed < least}
+        return tuple(n for n in self.evidence if n in slight or n not in likely)
+
+    @cached_property
     def evidence(self) -> dict[str, Evidence]:
         """Per named effect, what speaks for it."""
         return {n: self.proof(r, best) for n, (r, best) in self._winners.items()}
@@ -153,7 +169,9 @@ class Attribution:
         """Return what speaks for one of the effects that were tried in a round."""
         others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
         found = _proof(trial, others, self.base, self.full or self.held)
-        return replace(found, unlike=1.0) if trial.name == r.measured else found
+        if trial.name == r.measured:
+            return replace(found, unlike=1.0)
+        return replace(found, surpassed=trial.name in self.surpassed)
 
     @cached_property
     def pvalues(self) -> dict[str, float]:
@@ -201,14 +219,16 @@ def attribute(
     ends = [group[-1] for group in groups]
     models = [common(fits) for fits in (base, *(t.held for t in ends))] if ends else []
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
-    laws = next(filter(None, map(Laws.of, models[::-1])), None) if left else None
+    laws = Laws.of(models[0]) if left else None
     seen = bool(groups) and groups[0][0].name == rounds[0].measured
-    count = _names_kept(models, laws, groups, rules, int(seen))
-    fits, held = (ends[count - 1].fits, ends[count - 1].held) if count else (base, base)
-    names = [t.name for group in groups[:count] for t in group]
+    most, told = _names_kept(models, laws, groups, rules, int(seen))
+    fits, held = (ends[most - 1].fits, ends[most - 1].held) if most else (base, base)
+    names = [t.name for group in groups[:most] for t in group]
+    surpassed = frozenset(t.name for group in groups[told:most] for t in group)
     kept, fits, held = _backward(sides, base, fits, held, names)
-    found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws=laws)
-    found = _withdrawn(sides, found)
+    found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws, surpassed)
+    ended = {tuple(names[: names.index(t.name) + 1]): t for t in ends[:most]}
+    found = _withdrawn(sides, found, ended)
     first = rounds[0].best if rounds else None
     if found.named or first is None or first.removed < MOST * (cost(base) - 1.0):
         return found
@@ -308,22 +328,38 @@ def _pair(
     return []
 
 
+class _Kept(NamedTuple):
+    """How many names are kept, in their order.
+
+    Attributes
+    ----------
+    most : int
+        That may be given at all.
+    told : int
+        Of these, those that tell more than a force without a name does.
+    """
+
+    most: int
+    told: int
+
+
 def _names_kept(
     models: Sequence[tuple[Fit, ...]],
     laws: Laws | None,
     groups: Sequence[Sequence[Trial]],
     rules: Rules,
     least: int = 0,
-) -> int:
-    """Return how many names, in their order, tell more than a force without a name does.
+) -> _Kept:
+    """Return how many names are kept, and how many of them tell more than a force without a name.
 
     Every smooth law is close to some effect. So a force without a name describes what is left,
     after each number of names and without any, and held-out data judge: of those that predict as
     well as the best, within a standard error, the one with most names is taken that the force
-    without a name does not outdo by itself. The first stays if a further sensor in the law has
-    measured it, for that is no guess: `least` is 1 then. What changes with use changes with time as
-    well: an effect of time has no name unless it does better than friction that warms up, nor has
-    one of what such friction describes best.
+    without a name does not outdo by itself. Those beyond it need better evidence than the others,
+    and have no name if that force is a law of one signal. The first is none of them if a further
+    sensor in the law has measured it, for that is no guess: `least` is 1 then. What changes with
+    use changes with time as well: an effect of time has no name unless it does better than friction
+    that warms up, nor has one of what such friction describes best.
 
     Parameters
     ----------
@@ -344,15 +380,15 @@ def _names_kept(
 
     def own(group: Sequence[Trial]) -> bool:
         """Whether one of these effects has what a force without a name has not."""
-        return any(t.unlike > UNLIKE_SMOOTH or t.stands for t in group)
+        return any(t.unlike > UNLIKE_SMOOTH or t.stands(laws) for t in group)
 
-    def told(k: int) -> bool:
+    def lasts(k: int) -> bool:
         """Whether what gets the k-th name is none of use, if it may be one."""
         timed = any(t.term.of_time for t in groups[k])
         used = timed or (bool(left) and left[k].of_use)
-        return not used or _not_use(models[k], models[k + 1])
+        return not used or _not_use(models[k], models[k + 1], Laws.of(models[0]))
 
-    clear = [told(k) for k in range(len(groups))]
+    most = next((k for k in range(len(groups)) if not lasts(k)), len(groups))
 
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""
@@ -361,8 +397,6 @@ def _names_kept(
 
     def holds(k: int) -> bool:
         """Whether so many names do."""
-        if not all(clear[:k]):
-            return False
         if not left:
             return True
         if any(better(other, left[k]) for other in left[least:k]):
@@ -371,21 +405,26 @@ def _names_kept(
             return True
         return any(map(own, groups[:k]))
 
-    return next((k for k in range(len(models) - 1, least, -1) if holds(k)), least)
+    least = min(least, most)
+    told = next((k for k in range(most, least, -1) if holds(k)), least)
+    if left and left[told].single:  # it is no law that may be like anything
+        most = told
+    return _Kept(most, told)
 
 
-def _not_use(before: tuple[Fit, ...], after: tuple[Fit, ...]) -> bool:
+def _not_use(before: tuple[Fit, ...], after: tuple[Fit, ...], laws: Laws | None) -> bool:
     """Whether effects do better than friction that warms up, by a standard error.
 
     Parameters
     ----------
     before, after : tuple of Fit
         Without and with them, on each fold.
+    laws : Laws, optional
+        Along the motion of a model much like them; without them nothing does better.
     """
-    laws = Laws.of(before)
-    return laws is None or (
-        advantage(before, laws.of_use(before), nothing(after)) >= STANDARD_ERRORS
-    )
+    if laws is None:
+        return True
+    return advantage(before, laws.of_use(before), nothing(after)) >= STANDARD_ERRORS
 
 
 def _short(base: tuple[Fit, ...], held: tuple[Fit, ...], law: Spline, rules: Rules) -> bool:
@@ -450,24 +489,33 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
     if not found.named or found.rounds[0].measured in found.named:
         return found
     models = [common(fits) for fits in (base, frozen(sides, found.fits))]
-    laws = Laws.of(models[-1])
+    laws = Laws.of(models[0])
     winners = [tuple(t for _, t in found._winners.values())]
-    if laws is None or _names_kept(models, laws, winners, found.rules):
+    if laws is None or _names_kept(models, laws, winners, found.rules).told:
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 
 
-def _withdrawn(sides: tuple[Side, ...], result: Attribution) -> Attribution:
-    """Take back the names that what is left in the end makes doubtful."""
-    doubtful = [n for n, proof in result.evidence.items() if probability(proof) < LIKELY]
-    fits = result.fits
-    for name in doubtful:
-        fits = tuple(threaded(_without, sides, fits, (name, name)))
+def _withdrawn(
+    sides: tuple[Side, ...], result: Attribution, known: Mapping[tuple[str, ...], Trial]
+) -> Attribution:
+    """Take back the names that what is left in the end makes doubtful.
+
+    A model with those that stay is fitted anew, unless it is `known`, by its names in their order:
+    from where it was beside the others it may not find back.
+    """
+    doubtful, fits = result.doubtful, result.fits
     if not doubtful:
         return result
     named = tuple(n for n in result.named if n not in doubtful)
-    held = frozen(sides, fits) if named else result.base
-    fits = fits if named else result.base
+    if not named:
+        fits = held = result.base
+    elif (trial := known.get(named)) is not None:
+        fits, held = trial.fits, trial.held
+    else:
+        for name in doubtful:
+            fits = tuple(threaded(_without, sides, fits, (name, name)))
+        held = frozen(sides, fits)
     return replace(result, fits=fits, held=held, named=named, full=result.held)
 
 
@@ -495,9 +543,12 @@ def _proof(
     What does not stand beside a force without a name is no rival of what does.
     """
     found = evidence(trial, others, base, held)
-    if probability(found) >= LIKELY or not trial.stands:
+    if probability(found) >= LIKELY:
         return found
-    rivals = [t for t in others if t.gain > trial.gain and t.stands]
+    laws = Laws.of(common(base))
+    if not trial.stands(laws):
+        return found
+    rivals = [t for t in others if t.gain > trial.gain and t.stands(laws)]
     return replace(evidence(trial, rivals, base, held), stands=True)
 
 
@@ -508,15 +559,32 @@ def _backward(
     held: tuple[Fit, ...],
     named: list[str],
 ) -> tuple[list[str], tuple[Fit, ...], tuple[Fit, ...]]:
-    """Drop effects that a later one made superfluous."""
+    """Drop effects that a later one made superfluous.
+
+    What is far from superfluous to first order is not fitted without.
+    """
     for name in list(named[:-1]):
+        gap = float(np.mean([b.cost - h.cost for b, h in zip(base, held, strict=True)]))
+        if min(_lost(f, name) for f in fits) > SURELY_NEEDED * SUPERFLUOUS * gap:
+            continue
         fewer = tuple(threaded(_without, sides, fits, (name, name)))
         judged = frozen(sides, fewer)
         loss = np.mean([j.cost - h.cost for j, h in zip(judged, held, strict=True)])
-        gap = np.mean([b.cost - h.cost for b, h in zip(base, held, strict=True)])
         if loss < SUPERFLUOUS * gap:
             named, fits, held = [n for n in named if n != name], fewer, judged
     return named, fits, held
+
+
+def _lost(fit: Fit, name: str) -> float:
+    """Return the cost of doing without an effect, to first order; 0 of one that is not linear."""
+    term = next(t for t in fit.loop.terms if t.name == name)
+    pairs = zip(term.names, term.parameters, strict=True)
+    linear = {n for n, p in pairs if p.linear and term.search != "valleys"}
+    sizes = np.array([fit.values[n] if n in linear else 0.0 for n in fit.free])
+    others = fit.J[:, [n not in term.names for n in fit.free]]
+    change = fit.J @ sizes
+    rest = change - others @ normal(others, change, 1e-6)
+    return float(rest @ rest) / len(rest)
 
 
 def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:

@@ -114,7 +114,9 @@ def _retuned(side: Side, fit: Fit, own: Fit) -> Fit:
     free = [n for n in fit.free if n in base or n in turned]
     start = {**fit.values, **{n: own.values[n] for n in turned}}
     step = steps(side.fold, fit.loop, side.scales)
-    return gauss_newton(side.fold, fit.loop, start, free, step, RETUNED)
+    smooth = not any(t.search == "valleys" for t in fit.loop.terms)
+    near = own if smooth and own.fold is side.fold else None
+    return gauss_newton(side.fold, fit.loop, start, free, step, RETUNED, near)
 
 
 def phases(loop: ClosedLoop) -> set[str]:

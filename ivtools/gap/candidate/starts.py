@@ -26,6 +26,7 @@ from ..rules import (
     MUTATION,
     RECOMBINATION,
     SECOND_CROWD,
+    VALLEY_DEPTH,
     VALLEY_SAMPLES,
     VALLEY_TIME,
 )
@@ -107,8 +108,8 @@ def _deepest(
         return [known]
     boxes: list[tuple[Box, dict[bytes, float]]] = [(b, {}) for b in Box.of(term, sides[0].scales)]
     found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), seen) for b, seen in boxes]
-    if left > LARGE and min(found, key=_cheapest)[0] > HOPELESS * plain:
-        # a valley may lie between few points
+    if left > LARGE and min(found, key=_cheapest)[0] > VALLEY_DEPTH * plain:
+        # a valley may lie between few points, and they in a shallow one
         wider = [b for b in boxes if _power(b[0], SECOND_CROWD) > _power(b[0], FIRST_CROWD)]
         found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), seen) for b, seen in wider]
     cost, best = min(found, key=_cheapest)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics import Term
-from ..discrepancy import a_line, other_waves, smooth_rest, stands, unlike_smooth
+from ..discrepancy import Laws, a_line, other_waves, smooth_rest, stands, unlike_smooth
 from ..fit import Fit, common
 from ..fold import Fold, block_t
 from ..library import Scales
-from ..rules import EXACT, OTHER_WAVE_T, UNLIKE_SMOOTH, Rules, Threshold
+from ..rules import APART, EXACT, OTHER_WAVE_T, SAME_GAP, UNLIKE_SMOOTH, Rules, Threshold
 
 Array = NDArray[np.float64]
 
@@ -137,6 +137,17 @@ class Trial:
         )
         return not any(at_bound)
 
+    @property
+    def same_gap(self) -> bool:
+        """Whether the gap before a second mass is as wide on both folds: else it never opens.
+
+        A spring looks like a contact that is soft, in a gap of any width that is small.
+        """
+        pairs = zip(self.term.names, self.term.parameters, strict=True)
+        gaps = [n for n, p in pairs if self.term.second_mass and p.scale == "stroke"]
+        sizes = ([fit.values[n] for fit in self.fits] for n in gaps)
+        return all(max(s) <= SAME_GAP * min(s) for s in sizes)
+
     def _beyond(self, fit: Fit) -> bool:
         """Whether a parameter is smaller or larger than the effect's name allows on this axis."""
         sizes = Scales(fit.fold.record, fit.loop).sizes
@@ -159,9 +170,13 @@ class Trial:
         return float(np.clip(unlike_smooth(self.before, self.held), 0.0, 1.0))
 
     @cached_property
-    def stands(self) -> bool:
+    def apart(self) -> bool:
+        """Whether it is the motion of a second mass, of which no smooth law could have most."""
+        return self.term.second_mass and self.unlike > APART
+
+    def stands(self, laws: Laws | None) -> bool:
         """Whether it is as large beside a force without a name as by itself."""
-        return stands(common(self.before), common(self.held))
+        return stands(common(self.before), common(self.held), laws)
 
     @cached_property
     def distinct(self) -> bool:
@@ -197,7 +212,9 @@ class Trial:
         reached |= thorough and self._reaches(rules.thorough)
         dominates = bool(np.max(self.gains) >= rules.dominant.gain)
         reached |= dominates and self._reaches(rules.one_sided)
-        return enough and reached and self.acts and self.inside and self.lowers and self.distinct
+        reached |= self._reaches(rules.rough) and self.apart
+        sound = self.acts and self.inside and self.same_gap and self.lowers
+        return enough and reached and sound and self.distinct
 
     def _reaches(self, least: Threshold) -> bool:
         gain, t = np.min(self.gains), np.min(self.t)

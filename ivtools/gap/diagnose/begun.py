@@ -18,9 +18,10 @@ from ..diagnosis import Diagnosis
 from ..fit import Fit, common
 from ..floor import Measured, Ready, folds, masked, measure, prepared
 from ..fold import Fold, Link, Side
+from ..library import library
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import SATURATED, TOLERANCE, Rules
+from ..rules import ADEQUATE, RATTLES, SATURATED, TOLERANCE, Rules
 from .refused import refused
 
 
@@ -113,14 +114,14 @@ class Begun:
         return folds(self.calm) if stands_out else self.whole
 
     @cached_property
-    def attributed(self) -> tuple[Fold, Attribution]:
-        """What is named, and the fold on which the gap is quantified."""
+    def attributed(self) -> Attributed:
+        """What is named."""
         return _attributed(self)
 
     @property
     def places(self) -> dict[str, dict[str, float]]:
         """Where the valleys of effects were found, if one of them got a name."""
-        result = self.attributed[1]
+        result = self.attributed.result
         found = result.rounds[0].valleys if result.rounds else {}
         return found if any(name in result.named for name in found) else {}
 
@@ -264,17 +265,59 @@ def _as_recorded(m: Measured) -> Record:
     return record if record.added is None else replace(record, added=record.added / (1.0 + extra))
 
 
-def _attributed(begun: Begun) -> tuple[Fold, Attribution]:
-    """Attribute; if nothing is named, once more without the stretches that stand out.
+class Attributed(NamedTuple):
+    """What is named.
 
-    Returns the fold on which the gap is quantified as well.
+    Attributes
+    ----------
+    begun : Begun
+        Of the records that say so.
+    fold : Fold
+        On which the gap is quantified.
+    result : Attribution
     """
+
+    begun: Begun
+    fold: Fold
+    result: Attribution
+
+
+def _attributed(begun: Begun) -> Attributed:
+    """Attribute; if nothing is named, once more without the stretches that stand out."""
     measured, (sides, base), asked = begun.measured, begun.whole, begun.task
     more = (begun.rules, tuple(asked.extra), tuple(asked.without))
     result = attribute(sides, base, *more)
+    if not result.named and (alone := _rattling(begun)) is not None:
+        return alone
     if not result.named and any(m.floor.isolated for m in measured):
         measured, whole = begun.calm, (sides, base)
         sides, base = begun.quiet
         again = upheld(*whole, attribute(sides, base, *more))
         result = replace(again, supposed=again.supposed or result.supposed)
-    return (measured if len(measured) == 2 else sides)[-1].fold, result
+    return Attributed(begun, (measured if len(measured) == 2 else sides)[-1].fold, result)
+
+
+def _rattling(begun: Begun) -> Attributed | None:
+    """Return the second mass that one of two records shows by itself, the clearer one first.
+
+    A load may rattle in one of two motions only, or at other moments in each, so that nothing
+    replicates between them. Alternating stretches of one record tell it from what came once.
+    """
+    task, pair = begun.task, begun.measured
+    once = any(m.floor.isolated or m.base.cost < ADEQUATE for m in pair)
+    if len(pair) < 2 or not once:
+        return None
+    extra = tuple(task.extra)
+    others = (t.name for t in library(begun.loop, extra) if not t.second_mass)
+    more = (begun.rules, extra, (*task.without, *others))
+    for one in sorted((m for m in pair if m.base.cost > RATTLES), key=lambda m: -m.base.cost):
+        record, (sides, base) = one.fold.record, folds((one,))
+        result = attribute(sides, base, *more)
+        if result.named:
+            names = ", ".join(result.named)
+            told = f"only stretches of {record.name} tell of {names}, and nothing repeats in the "
+            found = Finding(told + "other record: record one motion twice to be sure", fatal=False)
+            single = replace(task, record=record, holdout=None)
+            alone = replace(begun, task=single, measured=(one,), found=[*begun.found, found])
+            return Attributed(alone, sides[-1].fold, result)
+    return None

@@ -37,7 +37,7 @@ def finish(
         return begun
     say = progress or mute
     say("screening and fitting the effects")
-    fold, result = begun.attributed
+    begun, fold, result = begun.attributed
     say("where and how far")
     return _answer(begun, result, fold, swung)
 

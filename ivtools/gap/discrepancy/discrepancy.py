@@ -257,6 +257,11 @@ class Spline:
         return bool(self.over) and self.over[0] in OF_USE
 
     @property
+    def single(self) -> bool:
+        """Whether it is a law of one signal: one of the state has two."""
+        return len(self.over) == 1 and self.over[0] != "state"
+
+    @property
     def cost(self) -> float:
         """Mean square of the whitened error that it leaves, mean of the folds."""
         return float(np.mean([np.mean(e**2) for e in self.left]))
@@ -290,7 +295,7 @@ def advantage(fits: Sequence[Fit], before: Spline, after: Spline) -> float:
     return block_t(np.concatenate([f.fold.block_sums(a**2 - b**2) for f, a, b in pairs]))
 
 
-def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
+def stands(before: Sequence[Fit], held: Sequence[Fit], laws: Laws | None) -> bool:
     """Whether an effect is as large beside a force without a name as by itself, on each fold.
 
     The force without a name is the one that describes best what the model leaves without the
@@ -302,16 +307,20 @@ def stands(before: Sequence[Fit], held: Sequence[Fit]) -> bool:
     ----------
     before, held : sequence of Fit
         The model without and with the effect, which the other fold has fitted.
+    laws : Laws, optional
+        Along the motion of a model much like it; without them nothing stands.
 
     R. Frisch, F. V. Waugh, Econometrica 1(4), 1933: a coefficient beside other regressors.
     """
-    found = beside_law(before, held)
+    found = beside_law(before, held, laws)
     return bool(found) and all(
         own > UNSHARED and 1.0 / AS_LARGE <= size <= AS_LARGE for own, size in found
     )
 
 
-def beside_law(before: Sequence[Fit], held: Sequence[Fit]) -> list[tuple[float, float]]:
+def beside_law(
+    before: Sequence[Fit], held: Sequence[Fit], laws: Laws | None
+) -> list[tuple[float, float]]:
     """Return what an effect has of its own beside a force without a name, and its size there.
 
     Its share and, relative to that by itself, its amplitude, on each fold; nothing where there is
@@ -321,8 +330,9 @@ def beside_law(before: Sequence[Fit], held: Sequence[Fit]) -> list[tuple[float, 
     ----------
     before, held : sequence of Fit
         The model without and with the effect, which the other fold has fitted.
+    laws : Laws, optional
+        Along the motion of a model much like it.
     """
-    laws = Laws.of(before)
     law = None if laws is None else laws.fitted(before)
     if law is None or not law.over:
         return []
@@ -496,7 +506,20 @@ class _Search:
 
     def _best(self, over: tuple[str, ...]) -> _Tried:
         """Return the spline over some signals whose penalty predicts the other fold best."""
-        return max((self._tried(over, p) for p in PENALTIES), key=lambda x: x.gain)
+        rows, R = self._rows(over), self._penalty(over, 1.0)
+        A = [a[np.ix_(rows, rows)] for a in self.squares]
+        b = [x[rows] for x in self.sides]
+
+        def tried(penalty: float) -> _Tried:
+            """Return the splines of both folds with one penalty."""
+            betas = [_solved(a + penalty * R, -x) for a, x in zip(A, b, strict=True)]
+            saved = [
+                -float(2.0 * x @ other + other @ a @ other)
+                for a, x, other in zip(A, b, betas[::-1], strict=True)
+            ]
+            return _Tried(sum(saved) / self.energy, over, penalty, betas)
+
+        return max(map(tried, PENALTIES), key=lambda x: x.gain)
 
     def _step(self, tried: _Tried) -> _Step:
         """Return what a spline of either fold does on the other one."""
@@ -504,18 +527,6 @@ class _Search:
         full[:, self._rows(tried.over)] = tried.betas[::-1]
         answers = [c.times(b) for c, b in zip(self.seen, full, strict=True)]
         return _Step(tried.gain, tried.over, answers, tried.penalty)
-
-    def _tried(self, over: tuple[str, ...], penalty: float) -> _Tried:
-        """Return the splines of both folds over some signals."""
-        rows, R = self._rows(over), self._penalty(over, penalty)
-        A = [a[np.ix_(rows, rows)] for a in self.squares]
-        b = [x[rows] for x in self.sides]
-        betas = [_solved(a + R, -x) for a, x in zip(A, b, strict=True)]
-        saved = [
-            -float(2.0 * x @ other + other @ a @ other)
-            for a, x, other in zip(A, b, betas[::-1], strict=True)
-        ]
-        return _Tried(sum(saved) / self.energy, over, penalty, betas)
 
     def _rows(self, over: Sequence[str]) -> NDArray[np.int_]:
         return np.concatenate([self.place[n] for n in over])

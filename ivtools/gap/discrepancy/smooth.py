@@ -95,14 +95,18 @@ class Basis:
 
     def additive(self, run: Simulation) -> Array:
         """Return forces over one signal each, one column per hat and direction, (n_samples, m)."""
-        return np.hstack([self.over(n, run) for n in ("q", "dq", "load")])
+        return as_columns(h for n in ("q", "dq", "load") for h in self._each_way(n, run))
 
     def over(self, name: str, run: Simulation) -> Array:
         """Return forces over position, speed or load, one column per hat and direction."""
+        return as_columns(self._each_way(name, run))
+
+    def _each_way(self, name: str, run: Simulation) -> list[Array]:
+        """Return the hats over a signal, and the same with the sign of the motion."""
         signed = dict(zip(("q", "dq", "load"), (s[0][:, 0] for s in signals([run])), strict=True))
         x = signed[name] if name == "q" else np.abs(signed[name])
-        hats = self.hats(name, x)
-        return np.hstack([hats, hats * np.sign(signed["dq"])[:, None]])
+        hats, sign = self._rows(name, x), np.sign(signed["dq"])
+        return [*hats, *(h * sign for h in hats)]
 
     def parts(self, run: Simulation) -> dict[str, Array]:
         """Return forces over each of `OVER` but those of a model's own, (n_samples, m).
@@ -165,7 +169,11 @@ class Basis:
 
     def hats(self, name: str, x: Array) -> Array:
         """Return the hat functions of a signal at some values, (n, knots)."""
-        return as_columns(np.interp(x, self.knots[name], row) for row in self._unit(name))
+        return as_columns(self._rows(name, x))
+
+    def _rows(self, name: str, x: Array) -> list[Array]:
+        """Return the same, one by one."""
+        return [np.interp(x, self.knots[name], row) for row in self._unit(name)]
 
     def _unit(self, name: str) -> Array:
         return np.eye(len(self.knots[name]))
