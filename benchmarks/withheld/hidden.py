@@ -35,7 +35,7 @@ def measured(task: Task) -> dict[str, list[tuple[float, float]] | None]:
     """Return share and size of each true effect; None of what the screening does not see."""
     warnings.simplefilter("ignore")
     import ivtools as iv
-    from ivtools.gap.discrepancy import beside_law
+    from ivtools.gap.discrepancy import Laws, beside_law
     from ivtools.gap.fit import common
     from ivtools.loop.axis_file import from_tables
 
@@ -47,7 +47,7 @@ def measured(task: Task) -> dict[str, list[tuple[float, float]] | None]:
         for name in task.effects:
             trials = tried([], name).trials
             both = [(common(t.before), common(t.held)) for t in trials]
-            found[name] = beside_law(*both[0]) if both else None
+            found[name] = beside_law(*both[0], Laws.of(both[0][0])) if both else None
         return forward(tried, base, rules)
 
     case = draw(task)
