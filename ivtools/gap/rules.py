@@ -82,6 +82,9 @@ WRONG_UNIT = 2.0
 INERTIA_RANGE = (0.05, 20.0)
 #: Share of samples at the limit beyond which nothing behind the command is named (training).
 SATURATED = 0.2
+#: Whitened energy of a record from which second masses are looked for in it alone, where nothing
+#: replicates between two (cost).
+RATTLES = 4.0
 #: Share of samples at the limit beyond which nothing controls the axis (training, seeds 3010+).
 OPEN_LOOP = 0.9
 #: How near a factor must come to that of a unit, relative (physics).
@@ -327,9 +330,9 @@ LEAST_CROWD = 7
 SECOND_CROWD, LARGE = 4, 4.0
 #: Power of two: points at which the search for what a drive delivers begins (numerics).
 DELIVERED_POINTS = 5
-#: Whitened energy of a record from which second masses are looked for in it alone, where nothing
-#: replicates between two (cost).
-RATTLES = 4.0
+#: Factor by which the gap before a second mass may differ between folds (as for other effects;
+#: training: 1.6 of one that is there, 2.3 of a spring that has the form of a gap).
+SAME_GAP = 1.67
 #: Points per dimension, and generations, of differential evolution (training).
 CROWD, GENERATIONS = 5, 24
 #: Energy that the best point of a generation may leave, of that without the effect; else the search
@@ -418,7 +421,7 @@ UNLIKELY = 0.14
 #: own, from which there is nothing that it could be taken for, and the probability that its name is
 #: right then, however few blocks show it (training: gaps of MuJoCo's, seeds 1109 to 1223, whose
 #: loads rattle otherwise than any simulation of them: eight of eight, and one more of each; nothing
-#: else passes in 66 other cases there, nor in 234 of 7000 on).
+#: else passes in 66 other cases there, nor in 210 of 7000 on).
 APART, NO_RIVAL, SURE_APART = 0.85, 0.34, 0.9
 #: Ends of the scales of evidence: least gain and rest, most disagreement, least evenness: beyond
 #: them nothing more is said by more (training).
@@ -443,9 +446,6 @@ LEAST_KNOTS, MOST_KNOTS = 8, 64
 #: position must have it of all that smooth laws and the line remove (training: 0.51 to 0.97 of
 #: twelve lines beside a real background or a nameless force, 0.30 to 0.51 of four that were bumps).
 UNLIKE_SMOOTH = 0.5
-#: Factor by which the gap before a second mass may differ between folds (as for other effects;
-#: training: 1.6 of one that is there, 2.3 of a spring that has the form of a gap).
-SAME_GAP = 1.67
 #: Share of what an effect changes that a force without a name, fitted beside it, must not have, and
 #: the factor by which its amplitude there may differ from that by itself (training: of 30 names of
 #: forces without one, which replicate by themselves, two are inside; of 25 true ones, lost behind
