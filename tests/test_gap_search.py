@@ -84,6 +84,7 @@ def test_a_load_that_rattles_in_one_of_two_records_is_told_by_stretches_of_that_
         assert gap.effects == ("backlash",) and not gap.shrink.held_out
         assert any(f"stretches of {rattles.name} tell" in f.text for f in gap.findings)
         assert gap.shrink.after < gap.shrink.before
+        assert gap.floors[0].between is None and "no hold-out" not in gap.summary()
 
 
 def test_an_effect_that_was_fitted_to_some_samples_is_frozen_on_all():

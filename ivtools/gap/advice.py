@@ -154,9 +154,13 @@ def motions(result: Attribution) -> list[str]:
 
 
 def remarks(
-    loop: ClosedLoop, measured: tuple[Measured, ...], result: Attribution, held_out: bool
+    loop: ClosedLoop,
+    measured: tuple[Measured, ...],
+    result: Attribution,
+    held_out: bool,
+    given: int,
 ) -> list[str]:
-    """Return what a person should know about the records."""
+    """Return what a person should know about the records, of which so many were given."""
     lines = []
     for m, compared in zip(measured, result.base, strict=False):
         p, name = m.parity, m.fold.record.name
@@ -185,7 +189,7 @@ def remarks(
                 f"{name}: the command sits at its limit in {100 * p.clipped:.2g} % of the samples; "
                 "records at the limit are hard to reproduce"
             )
-    if not held_out:
+    if given == 1:
         lines.append(
             "no hold-out: stretches of the record judged each other; a second record makes "
             "the answer stronger"

@@ -318,6 +318,7 @@ def _rattling(begun: Begun) -> Attributed | None:
             told = f"only stretches of {record.name} tell of {names}, and nothing repeats in the "
             found = Finding(told + "other record: record one motion twice to be sure", fatal=False)
             single = replace(task, record=record, holdout=None)
-            alone = replace(begun, task=single, measured=(one,), found=[*begun.found, found])
+            own = replace(one, floor=replace(one.floor, between=None))  # they differ by the rattle
+            alone = replace(begun, task=single, measured=(own,), found=[*begun.found, found])
             return Attributed(alone, sides[-1].fold, result)
     return None

@@ -52,6 +52,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     if begun.third is not None:
         shrink = replace(shrink, judged=quantify.judge(loop, begun.third, result))
     before, after = cost(result.base), cost(result.held)
+    given = len(begun.inspected.checked)  # records, whether they judge or not
     tell = task.described and after > DESCRIBED
     left = discrepancy.describe(common(result.held), result.laws) if tell else None
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
@@ -74,7 +75,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         regions=locate.regions(fold.record, fold.keep, traces.before, traces.after),
         shrink=shrink,
         ranking=verdict.ranking(result, rules, max(before - 1.0, 1e-9)),
-        advice=(*advice.motions(result), *advice.remarks(loop, measured, result, held_out)),
+        advice=(*advice.motions(result), *advice.remarks(loop, measured, result, held_out, given)),
         findings=(*begun.found, *said, *([remark] if remark else [])),
         parity=checked,
         floors=tuple(m.floor for m in measured),
