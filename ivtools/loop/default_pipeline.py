@@ -71,7 +71,7 @@ def default_pipeline(
             "the closed loop has no mode of its own; check the controller's gains, or give a "
             "Pipeline"
         )
-    hz = float(f"{min(natural, WIDEST * record.sampling_hz):.0e}")
+    hz = min(float(f"{natural:.0e}"), WIDEST * record.sampling_hz)
     if rule == "report":
         return Pipeline.from_bandwidth(
             hz, record.sampling_hz, **{"breaks": record.breaks} | settings
