@@ -51,8 +51,8 @@ def excite(
             "--limits",
             metavar="FILE",
             callback=options.known_limits,
-            help="TOML with [limits] and [joint.NAME.limits]: lower, upper, speed, acceleration, "
-            "effort; before those of MODEL.",
+            help="TOML with tables limits and joint.NAME.limits: lower, upper, speed, "
+            "acceleration, effort; before those of MODEL.",
         ),
     ] = None,
     kind: Annotated[
