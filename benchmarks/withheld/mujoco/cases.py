@@ -10,9 +10,11 @@ import numpy as np
 
 from ..motions import KINDS
 from ..motions import draw as motion
-from .plant import Plant, run
+from .plant import STEPS, Plant, run
 
 DT, SECONDS = 1e-3, 16.0
+RATES = (200.0, 400.0, 1000.0, 2000.0)  # Hz
+QUIET = 0.1  # times the noise of the others: 0.3 % of the dry friction
 Draw = Callable[[np.random.Generator, "Axis"], dict[str, Any]]
 
 
@@ -28,6 +30,7 @@ class Axis:
     kv: float
     noise: float
     quantum: float
+    dt: float = DT
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,14 @@ def axis(rng: np.random.Generator) -> Axis:
     return Axis(
         plant, length, force, gain, outer, inner * inertia / gain, 0.03 * force, 2e-7 * length
     )
+
+
+def quiet(rng: np.random.Generator, a: Axis) -> Axis:
+    """Return an axis with hardly any noise, at another rate, as fast as that allows."""
+    dt = 1.0 / float(rng.choice(RATES))
+    slower = min(1.0, 0.25 * a.plant.inertia / (a.kv * a.gain * dt))
+    gains = {"kp": slower * a.kp, "kv": slower * a.kv}
+    return replace(a, dt=dt, noise=QUIET * a.noise, **gains)
 
 
 def _wave(rng: np.random.Generator, a: Axis) -> tuple[float, float]:
@@ -117,6 +128,20 @@ def _load_friction(rng: np.random.Generator, a: Axis) -> Callable[..., float]:
     return lambda q, v, t, tau: mu * abs(tau) * np.tanh(v / (0.002 * _speed(a)))
 
 
+def _bristle(rng: np.random.Generator, a: Axis) -> dict[str, Any]:
+    """LuGre's bristle in place of the dry friction, slightly to well damped."""
+    stiffness = a.force / (10.0 ** rng.uniform(-4.0, -2.7) * 0.25 * a.length)
+    damping = 2.0 * rng.uniform(0.02, 0.6) * np.sqrt(stiffness * a.plant.inertia)
+    z, h, most = [0.0], a.dt / STEPS, a.force / stiffness
+
+    def force(q: float, v: float, t: float, tau: float) -> float:
+        before, end = z[0], most * np.sign(v)
+        z[0] = end + (before - end) * np.exp(-abs(v) * h / most)
+        return float(stiffness * z[0] + damping * (z[0] - before) / h)
+
+    return {"force": force, "coulomb": 0.0}
+
+
 def _flexible(rng: np.random.Generator, a: Axis) -> dict[str, Any]:
     hz, damping = rng.uniform(25, 70), rng.uniform(0.01, 0.05)
     return {"load": {"share": rng.uniform(0.1, 0.35), "hz": hz, "damping": damping}}
@@ -155,6 +180,7 @@ EFFECTS: dict[str, Draw] = {
     "spring": lambda r, a: {"stiffness": r.uniform(0.8, 2.5) * a.force / (0.25 * a.length)},
     "cogging": _cogging,
     "torque-ripple": _ripple,
+    "presliding": _bristle,
     "flexibility": _flexible,
     "backlash": _backlash,
     "drive-timing": _timing,
@@ -226,13 +252,15 @@ CHANGED: dict[str, tuple[str, tuple[float, float]]] = {
 
 
 def draw(suite: str, name: str, seed: int) -> Case:
-    """Draw a case: ``suite`` is effects, none, unknown or changed."""
+    """Draw a case: ``suite`` is effects, none, unknown, changed, or quiet, which has of all."""
     rng = np.random.default_rng([seed, *f"{suite}/{name}".encode()])
     a = axis(rng)
     if name in ("pendulum",) and a.plant.joint == "revolute":
         a = replace(a, plant=replace(a.plant, joint="prismatic"))
     if name in ("gravity",) and a.plant.joint == "prismatic":
         a = replace(a, plant=replace(a.plant, joint="revolute"))
+    if suite == "quiet":
+        a, suite = quiet(rng, a), kind_of(name)
     source = {"effects": EFFECTS, "unknown": UNKNOWN}.get(suite, {})
     values = source[name](rng, a) if name in source else {}
     wrong, cut = values.pop("wrong", 0.0), values.pop("cut", None)
@@ -240,8 +268,9 @@ def draw(suite: str, name: str, seed: int) -> Case:
     if suite == "changed":
         key, (low, high) = CHANGED[name]
         plants[1] = replace(plants[1], **{key: rng.uniform(low, high) * getattr(a.plant, key)})
-    n, kind = int(SECONDS / DT), str(rng.choice(KINDS))
-    refs = [motion(rng, kind, n) * a.length for _ in (0, 1)]
+    n, kind = round(SECONDS / a.dt), str(rng.choice(KINDS))
+    fine, t = np.arange(round(SECONDS / DT)) * DT, np.arange(n) * a.dt
+    refs = [np.interp(t, fine, motion(rng, kind, len(fine))) * a.length for _ in (0, 1)]
     noises = [a.noise * rng.normal(size=n) for _ in refs]
     if cut is not None:  # a drive has one limit, so both motions ask for about as much
         peaks = [_peak(a, plants[0], r, x) for r, x in zip(refs, noises, strict=True)]
@@ -261,6 +290,12 @@ def draw(suite: str, name: str, seed: int) -> Case:
     return Case(tables, records, {"suite": suite, "name": name, "effects": truth})
 
 
+def kind_of(name: str) -> str:
+    """Return the suite that a name belongs to."""
+    suites = {"effects": EFFECTS, "unknown": UNKNOWN, "changed": CHANGED}
+    return next((suite for suite, names in suites.items() if name in names), "none")
+
+
 def _peak(a: Axis, plant: Plant, ref: np.ndarray, noise: np.ndarray) -> float:
     """Return the largest force that a motion asks for, but for single samples."""
     return float(np.quantile(np.abs(a.gain * _play(a, plant, ref, noise, 0.0)[1]), 0.9995))
@@ -271,7 +306,7 @@ def _record(
 ) -> dict[str, np.ndarray]:
     """Return the log of one run."""
     q, nu = _play(a, plant, ref, noise, wrong)
-    return {"t": DT * np.arange(len(ref)), "q": q, "q_ref": ref, "nu": nu}
+    return {"t": a.dt * np.arange(len(ref)), "q": q, "q_ref": ref, "nu": nu}
 
 
 def _play(
@@ -283,8 +318,8 @@ def _play(
 
     def command(k: int, q: float) -> float:
         read[k] = a.quantum * round(q / a.quantum)
-        speed, last[0] = (read[k] - last[0]) / DT, read[k]
+        speed, last[0] = (read[k] - last[0]) / a.dt, read[k]
         return kv * (a.kp * (ref[k] - read[k]) - speed)
 
-    _, nu = run(plant, command, float(ref[0]), len(ref), DT, a.gain, noise)
+    _, nu = run(plant, command, float(ref[0]), len(ref), a.dt, a.gain, noise)
     return read, nu

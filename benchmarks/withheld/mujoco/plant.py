@@ -145,8 +145,7 @@ def run(
     noise : ndarray, (n,)
         Force noise, held over a sample.
     """
-    xml = plant.xml(dt).replace("radian", "radian")
-    xml = xml.replace("<compiler ", '<compiler angle="radian" autolimits="true" ')
+    xml = plant.xml(dt).replace("<compiler ", '<compiler angle="radian" autolimits="true" ')
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     data.qpos[0] = q0

@@ -15,9 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from ..scores import score
-from .cases import CHANGED, EFFECTS, UNKNOWN, draw
+from .cases import CHANGED, EFFECTS, UNKNOWN, draw, kind_of
 
-SUITES = {"effects": EFFECTS, "none": ("-",), "unknown": UNKNOWN, "changed": CHANGED}
+SUITES = {
+    "effects": EFFECTS,
+    "none": ("-",),
+    "unknown": UNKNOWN,
+    "changed": CHANGED,
+    "quiet": (*EFFECTS, "-", *CHANGED),
+}
 
 
 def answer(suite: str, name: str, seed: int) -> dict[str, Any]:
@@ -40,7 +46,8 @@ def answer(suite: str, name: str, seed: int) -> dict[str, Any]:
     kept = ("verdict", "effects", "ambiguous_with", "shrink", "whitened", "changed",
             "discrepancy", "probability", "evidence", "findings")  # fmt: skip
     row |= {"seconds": time.process_time() - start, "found": {k: found[k] for k in kept}}
-    return {**row, "score": scored(suite, found, case.label)}
+    kind = kind_of(name) if suite == "quiet" else suite
+    return {**row, "score": scored(kind, found, case.label)}
 
 
 def scored(suite: str, found: dict[str, Any], label: dict[str, Any]) -> str:
