@@ -75,7 +75,7 @@ def test_a_load_without_friction_has_a_box_of_its_own(scales):
 
 def test_a_load_that_rattles_in_one_of_two_records_is_told_by_stretches_of_that_one():
     """Nothing replicates between a record that rattles and one that does not."""
-    true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.0, "contact_hz": 220.0}
+    true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.5, "contact_hz": 150.0}
     loop, theta = axis("backlash", **true, load_offset=0.0, damping=0.5)
     calm = moves.record(iv.axes.emps(), iv.axes.emps().values(BASE), 16.0, 16)
     rattles = moves.record(loop, theta, 16.0, 17)
@@ -110,7 +110,7 @@ def test_a_diagnosis_may_look_for_second_masses_only():
 
 def test_a_backlash_before_a_load_without_friction_is_found():
     """Very little friction there makes another motion than none: no gradient leads to it."""
-    true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.0, "contact_hz": 220.0}
+    true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.5, "contact_hz": 150.0}
     loop, theta = axis("backlash", **true, load_offset=0.0, damping=0.5)
     one, two = (moves.record(loop, theta, 16.0, s) for s in (3, 13))
     gap = iv.diagnose(one, iv.axes.emps(), two)
@@ -136,14 +136,11 @@ def test_what_dominates_one_record_may_show_little_in_the_other():
         closable=np.ones(2),
         t=np.array([500.0, 20.0]),
         disagreement=1.05,
-        acts=True,
-        inside=True,
-        lowers=True,
-        distinct=True,
-        same_gap=True,
+        sound=True,
+        lowered=0.1,
         apart=False,
     )
-    trial._reaches = lambda least: candidate.Trial._reaches(trial, least)
+    trial.reaches = lambda least: candidate.Trial.reaches(trial, least)
     assert candidate.Trial.passes(trial, Rules())
     trial.disagreement = 1.3
     assert not candidate.Trial.passes(trial, Rules())

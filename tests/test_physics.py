@@ -25,6 +25,7 @@ DOCUMENTED = [
     "dead-zone", "encoder-eccentricity", "controller-mismatch", "disturbance",
 ]  # fmt: skip
 SCALES = {
+    "damping",
     "force",
     "peak",
     "per force",

@@ -173,6 +173,7 @@ def scales(problem: Problem) -> dict[str, float]:
         "step": record.dt,
         "command": float(np.max(np.abs(problem.loop.command(record)))),
         "stiffness": 400.0 * force / stroke,  # dry friction within some 1e-3 of the stroke
+        "damping": 0.2 * force / float(np.max(np.abs(problem.motion.dq))),
         "one": 1.0,
     }
 

@@ -29,6 +29,8 @@ from .rules import (
     REMARK,
     SLOWER,
     SWEEPS,
+    TELLS_LEAST,
+    WIDER,
 )
 
 Array = NDArray[np.float64]
@@ -51,6 +53,14 @@ def _many_speeds(record: Record) -> Record:
     return _moved(record, np.interp(warped, np.arange(n), record.q_ref[:, 0]))
 
 
+def _wider(record: Record) -> Record:
+    """Make the same motion over a longer stroke, at its speeds."""
+    assert record.q_ref is not None
+    n, start = record.n_samples, record.q_ref[0, 0]
+    slower = np.interp(np.arange(n) / WIDER, np.arange(n), record.q_ref[:, 0])
+    return _moved(record, start + WIDER * (slower - start))
+
+
 def _dither(record: Record) -> Record:
     """Add a command of many frequencies."""
     t = record.t - record.t[0]
@@ -71,11 +81,12 @@ def _moved(record: Record, q_ref: Array) -> Record:
 # Their numbers are those of the rules.
 EXCITATIONS: dict[str, Callable[[Record], Record]] = {
     "slow motion and reversals (a third of the speed)": _slower,
+    "three times the stroke, where there is room": _wider,
     "many speeds (a reference whose pace sweeps from 10 to 100 %)": _many_speeds,
     "a dither of 3 to 50 Hz added to the command (a tenth of its largest value)": _dither,
 }
 
-MADE_BY = dict(zip(EXCITATIONS, ("steps", "steps", "sweep"), strict=True))
+MADE_BY = dict(zip(EXCITATIONS, ("steps", "steps", "steps", "sweep"), strict=True))
 """The reference of `ivtools excite` that has such a motion."""
 
 
@@ -95,10 +106,11 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
         for text, change in EXCITATIONS.items()
     }
     text = max(better, key=lambda t: better[t])
-    if better[text] < BETTER_MOTION * now:
+    if better[text] < max(BETTER_MOTION * now, TELLS_LEAST):
         return (
             f"{name} and {other} look alike on every motion tried (they share "
-            f"{100 * (1 - now):.0f} % of their signature); measure at another place of the loop"
+            f"{100 * (1 - now**2):.0f} % of their signature); a still longer stroke or a sensor at "
+            "another place may tell them apart"
         )
     return (
         f"to tell {name} from {other}: {text}; what the one cannot mimic of the other grows "
@@ -108,7 +120,7 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
 
 
 def _distance(first: Fit, second: Fit, name: str, other: str, record: Record) -> float:
-    """Return the share of one signature that the other and the base model cannot mimic."""
+    """Return the share of one signature, rms, that the other and the base model cannot mimic."""
     try:
         mine, basis = _signature(first, name, record)
         theirs, _ = _signature(second, other, record)
@@ -118,7 +130,7 @@ def _distance(first: Fit, second: Fit, name: str, other: str, record: Record) ->
     scale = np.maximum(np.linalg.norm(space, axis=0), 1e-300)
     rest = mine - (space / scale) @ np.linalg.lstsq(space / scale, mine, rcond=1e-9)[0]
     base = mine - (basis / scale[:-1]) @ np.linalg.lstsq(basis / scale[:-1], mine, rcond=1e-9)[0]
-    return float(rest @ rest / max(float(base @ base), 1e-300))
+    return float(np.linalg.norm(rest) / max(float(np.linalg.norm(base)), 1e-300))
 
 
 def _signature(fit: Fit, name: str, record: Record) -> tuple[Array, Array]:

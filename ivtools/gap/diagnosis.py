@@ -208,7 +208,10 @@ class Diagnosis(Displayed):
             return ""
         percent = f"{s.of_force(s.before):.2g} % of the force"
         text = f"{quantity(s.before, s.unit, 3)} rms, {percent}"
-        return f"negligible: {text}, floor included" if self.negligible else text
+        if not self.negligible:
+            return text
+        within = s.before < 0.01 * self.tolerance * s.force
+        return f"negligible{'' if within else ' above the floor'}: {text}, floor included"
 
     @property
     def negligible(self) -> bool:
@@ -254,7 +257,7 @@ class Diagnosis(Displayed):
         lines = _wrapped(
             f"force error: {s.before:.3g} -> {within(s.after, s.unit, s.interval)}; "
             "floor, what does not come again: "
-            f"{s.floor:.3g}; closed {100 * s.closed:.0f} % of what is above it",
+            f"{s.floor:.3g}; closed {round(100 * s.closed)} % of what is above it",
             "  ",
         )
         if s.corrected < CORRECTED * s.before:

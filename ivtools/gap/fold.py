@@ -272,6 +272,10 @@ class Fold:
         answers, likely = self._unknown
         return e - likely - answers @ (sizes @ (doubted @ self._plain(e - likely)))
 
+    def force_rms(self, loop: ClosedLoop) -> float:
+        """Return the measured force of the samples that count, N or N m rms."""
+        return float(np.sqrt(np.mean(loop.force(self.record)[self.keep] ** 2)))
+
     def error(self, loop: ClosedLoop, values: Values) -> Array:
         """Return the whitened force error of the samples that count, (n_kept,)."""
         return self.judged(loop, self.simulate(loop, values))

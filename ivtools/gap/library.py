@@ -60,6 +60,7 @@ class Scales:
             "step": self.record.dt,
             "command": float(np.max(np.abs(self.loop.command(self.record)))),
             "stiffness": friction / (TAKES_HOLD * stroke),
+            "damping": friction / max(float(np.max(np.abs(dq))), 1e-300),
             "per force": 1.0 / force,
             "one": 1.0,
         }

@@ -237,7 +237,7 @@ def gap_text(diagnosis: Diagnosis) -> list[str]:
         f"{text},{_controller(s)} and {s.after:.3g} {s.unit} (95 % interval {s.interval[0]:.3g} to "
         f"{s.interval[1]:.3g}) with the named effects, judged on {judge}"
         f"{'' if s.held_out else ' to'}. The floor is {s.floor:.3g} {s.unit}, so "
-        f"{100 * s.closed:.0f} % of what a model can close is closed.{_handed_over(s)}"
+        f"{round(100 * s.closed)} % of what a model can close is closed.{_handed_over(s)}"
     ]
 
 

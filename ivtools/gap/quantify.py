@@ -124,6 +124,10 @@ class Shrink:
         """What `before` has beyond the floor, in energy, N or N m rms."""
         return float(np.sqrt(max(self.before**2 - self.floor**2, 0.0)))
 
+    def slight(self, tolerance: float) -> bool:
+        """Whether `after` leaves less beyond the floor than so many per cent of the force."""
+        return 100.0 * self.remainder < tolerance * self.force
+
     def of_force(self, error: float) -> float:
         """Return an error in per cent of the measured force."""
         return 100.0 * error / max(self.force, 1e-300)

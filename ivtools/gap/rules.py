@@ -82,9 +82,9 @@ WRONG_UNIT = 2.0
 INERTIA_RANGE = (0.05, 20.0)
 #: Share of samples at the limit beyond which nothing behind the command is named (training).
 SATURATED = 0.2
-#: Whitened energy of a record from which second masses are looked for in it alone, where nothing
+#: Whitened energy of a record from which effects are looked for in it alone, where nothing
 #: replicates between two (cost).
-RATTLES = 4.0
+ALONE = 4.0
 #: Share of samples at the limit beyond which nothing controls the axis (training, seeds 3010+).
 OPEN_LOOP = 0.9
 #: How near a factor must come to that of a unit, relative (physics).
@@ -105,10 +105,12 @@ OVERLAP = 0.1
 LOOKS, LOOK_WIDTH = 40, 50
 #: Share of different values in a stretch in which a signal moves (theory: else any two agree).
 MOVING = 0.5
-#: Ratio of the inertias of two records of one axis at most (physics: payloads).
-SAME_AXIS = 1.3
-#: Growth of the error with the other record's inertia that makes it another axis (training).
-OTHER_INERTIA = 3.0
+#: Ratio of the inertias of two records of one axis at most (physics: a payload weighs less than the
+#: axis that carries it; what it changes is said).
+SAME_AXIS = 2.0
+#: Growth of the error's energy with the other record's value of a base parameter from which that
+#: has changed, whatever else is left (training: other axes).
+OTHER_VALUE = 3.0
 
 # --- pull and hanging: where no control law holds the axis ------------------------------------
 
@@ -366,6 +368,10 @@ UNNAMED = 1.02
 #: Share of the gain by which effects differ at most that do equally well (judgement: gravity and
 #: a spring over a short arc differ by 1e-5 to 0.003; of 203 recorded cases no other two do).
 TIE = 0.005
+#: Energy that one effect leaves over that of another at most where both do equally well
+#: (judgement: at a gap of 1800 times the noise a spring for gravity leaves 3.8 times as much, and
+#: gains 0.997 of what that gains).
+EQUALLY = 1.05
 #: Effects of the screening that are fitted first; the others only as rivals of these (cost).
 AT_FIRST = 2
 #: Of the best gain in the screening: what is below is not its rival (training).
@@ -385,6 +391,9 @@ PAIR_ROUNDS = 3
 #: that left more than 1.05 three right ones removed 1.2 times as much or more, as those of EMPS do,
 #: and five wrong ones 0.05 to 0.13 times).
 SLIGHT = 0.3
+#: Of the gap: what removes it on both folds, and fails for what else is in the gap, is tried with
+#: another effect beside it (training: position-friction and a spring, 0.37 and 0.36).
+LEADING = 0.3
 #: Of the gap: what removes it and has no name is supposed to be there, and where that much of it
 #: lies, it lies (definition: most of it).
 MOST = 0.5
@@ -511,6 +520,13 @@ DISCREPANCY_SIZE = 0.1
 EXPLAINED = 0.9
 #: Per cent of the force below which a gap is negligible, unless a user says otherwise (taste).
 TOLERANCE = 2.0
+#: Of the tolerance: stretches that stand out by less of the force are none (judgement: 32 withheld
+#: bursts stand out by 1.6 to 45 % of it; where the noise is a thousandth, MuJoCo's dry friction,
+#: which is never quite dry, by 0.1 %).
+AUDIBLE = 0.5
+#: Of the tolerance: what is left above the floor where the whole error is below it, and the model
+#: adequate (judgement: half a step of MuJoCo's own, a twentieth of a sample, makes 0.2 %).
+UNSEEN = 0.25
 #: Force error over the difference of two records of one motion that is a gap (training).
 OVER_FLOOR = 1.25
 #: t value from which a base parameter has changed, between two records (training: 0 of 100) or from
@@ -544,10 +560,12 @@ ALL_CLOSED = 0.97
 #: Of the error before: what the corrected controller leaves, worth a line of its own (taste).
 CORRECTED = 0.98
 #: Growth of what one of two effects cannot imitate that makes a motion worth advice (taste).
-BETTER_MOTION = 1.3
-#: Motions that are tried for that: how many times slower one is, and between which paces, of the
-#: record's, and how often another one sweeps.
-SLOWER, PACES, SWEEPS = 3.0, (0.1, 1.0), 3
+BETTER_MOTION = 1.15
+#: Share of its signature, rms, at least that the other one cannot imitate there (judgement).
+TELLS_LEAST = 0.03
+#: Motions that are tried for that: how many times slower one is, how many times longer the stroke
+#: of another, and between which paces, of the record's, and how often a third one sweeps.
+SLOWER, WIDER, PACES, SWEEPS = 3.0, 3.0, (0.1, 1.0), 3
 #: And a dither: its band, Hz, how many lines it has, and its size, of the largest command.
 DITHER_HZ, DITHER_LINES, DITHER = (3.0, 50.0), 12, 0.1
 #: Seconds around a reversal or an edge of a pulse (physics: break-away).
@@ -669,12 +687,19 @@ class Rules:
     similar : float
         Share of the best effect's gain from which another effect is similar to it.
     beside_similar : float
-        Least share of the whole gap that an effect similar to a named one removes.
+        Least share of the whole gap that an effect similar to a named one removes, but for a steady
+        second mass of which no smooth law could have most (`APART`).
     search_left : float
         Least share of what is left that makes another search for valleys worth while.
     swing : float
         Share of what all names removed that one more removes at least beside a second mass: the
         link of a robot is heavier in some poses (`SWUNG`), that of a single axis is not.
+    worth : float
+        Share of the force, rms, by which a name lowers the force error at least, in energy; less
+        in proportion to a smaller tolerance (judgement: where the noise is a thousandth of the
+        force, all is significant: MuJoCo's own steps, half of one too late, make 0.001 to 0.003,
+        and its dry friction, which is never quite dry, 0.0003; of 12 pairs and on the EMPS names
+        lower it by 0.008 at least, a flexible load of a withheld case by less than 0.005).
     samples : int
         Of each record that are diagnosed at most, where it moves most (numerics: 200,000 take a
         minute and 4 GB; judgement: 20 s of a fast controller's log).
@@ -700,6 +725,7 @@ class Rules:
     beside_similar: float = 0.05
     search_left: float = 0.5
     swing: float = 0.0
+    worth: float = 0.003
     samples: int = 200_000
 
     @property

@@ -192,9 +192,11 @@ PRESLIDING = Term(
             lower=0.0,
             neutral=np.inf,
             scale="stiffness",
-            scan=(1.0, 3.0, 10.0),
+            scan=(0.2, 1.0, 3.0, 10.0),
         ),
-        Parameter("damping", "{F} s/{L}", lower=0.0, neutral=0.0, scan=(0.0,), nuisance=True),
+        Parameter(
+            "damping", "{F} s/{L}", lower=0.0, neutral=0.0, scale="damping", scan=(0.0, 20.0)
+        ),
     ),
     "dz = dq - s0 |dq| z / Fc, f = s0 z + s1 dz in place of Fc sign(dq)",
     "Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40(3), 1995",

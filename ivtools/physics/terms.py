@@ -55,8 +55,8 @@ class Parameter:
     scale : str
         What the parameter is measured in when a search needs a starting value: ``"force"``,
         ``"peak"`` (the largest force), ``"per force"``, ``"speed"``, ``"stroke"``, ``"time"`` (the
-        record's length), ``"step"`` (the sampling step), ``"command"``, ``"stiffness"`` (force over
-        a small part of the stroke) or ``"one"``.
+        record's length), ``"step"`` (the sampling step), ``"command"``, ``"stiffness"`` (friction
+        over a small part of the stroke), ``"damping"`` (over the highest speed) or ``"one"``.
     scan : tuple of float
         Starting values for a search, in multiples of `scale`; empty where the force is linear in
         the parameter, which needs none.

@@ -24,6 +24,9 @@ from ..rules import (
     AT_FIRST,
     CLEAN,
     DRAWS,
+    EQUALLY,
+    LEADING,
+    MOST,
     RIVAL,
     ROUGH,
     TIE,
@@ -72,7 +75,7 @@ class Round:
         seen = next((t for t in self.qualified if t.name == self.measured), None)
         if seen is not None and seen.gain >= (1.0 - self.margin) * best.gain:
             return seen
-        equal = {t.name: t for t in self.qualified if t.gain >= (1.0 - TIE) * best.gain}
+        equal = {t.name: t for t in self.qualified if _equal(t, best, TIE)}
         return next((equal[name] for name in EFFECTS if name in equal), best)
 
     def rivals(self, rules: Rules, left: float) -> tuple[Trial, ...]:
@@ -96,16 +99,32 @@ class Round:
             return ()
         margin = rules.equivalence if clean else rules.equivalence_open
         least = (1.0 - margin) * best.gain
-        near = [t for t in self.qualified if t is not best and t.gain >= least]
+        near = [t for t in self.trials if t is not best and t.gain >= least and t.sound]
         rivals = [t for t in near if best.correlation(t) > rules.correlation]
         if clean:
-            rivals = [t for t in rivals if best.advantage(t) < rules.distinguishable]
+            rivals = [
+                t
+                for t in rivals
+                if best.advantage(t) < rules.distinguishable
+                or (_equal(t, best, rules.equivalence_law) and best.correlation(t) > TWIN)
+            ]
         if len(rivals) > 1:
             several = rules.distinguishable_several
             rivals = [
                 t for t in rivals if best.correlation(t) > TWIN or best.advantage(t) < several
             ]
         return tuple(rivals)
+
+    def led(self, rules: Rules) -> Round:
+        """Return the round; where nothing qualifies, with the effect that another one may hide.
+
+        The largest one that removes much on both folds, and nearly the same.
+        """
+        large = (t for t in self.trials if np.min(t.shares) >= LEADING and t.sound)
+        much = [t for t in large if t.reaches(rules.everywhere)]
+        if self.qualified or not much:
+            return self
+        return replace(self, qualified=(max(much, key=lambda t: t.gain),), measured="")
 
     @property
     def valleys(self) -> dict[str, dict[str, float]]:
@@ -120,6 +139,15 @@ class Round:
         sizes = {**self.gains}
         sizes |= {t.name: max(t.gain, self.gains[t.name]) for t in self.trials}
         return {n for n, size in sizes.items() if size >= least * sizes[self.best.name]}
+
+
+def _equal(trial: Trial, best: Trial, margin: float) -> bool:
+    """Whether an effect gains nearly as much as the best one, and leaves hardly more.
+
+    Of a gap that is far above the noise the two leave what tells them apart.
+    """
+    left = cost(trial.held) <= EQUALLY * cost(best.held)
+    return trial.gain >= (1.0 - margin) * best.gain and left
 
 
 def play(
@@ -155,7 +183,11 @@ def play(
     trials = tuple(_tried(sides, fits, held, found, rules, removed, seen))
     similar = set().union(*(r.similar(rules.similar) for r in rounds))
     least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
-    new = [t for t in trials if t.name not in similar or t.removed > least]
+    new = [
+        t
+        for t in trials
+        if t.name not in similar or t.removed > least or (t.apart and t.reaches(rules.steady))
+    ]
     named = [r.best.term for r in rounds if r.best is not None]
     if cost(held) < ADEQUATE and any(t.of_speed for t in named):
         new = [t for t in new if not t.term.of_speed]  # the form of a law is never quite the axis's
@@ -216,6 +248,7 @@ def _tried(
     chosen = [n for n in gains if n in first and gains[n] > least]
     chosen += [n for n in gains if n == seen and n not in chosen]
     tried: list[Trial] = []
+    explains = replace(rules, worth=0.0)  # what is too little for a name explains the rest too
 
     def fit(names: list[str], best: float = 0.0) -> float:
         """Try some effects; return the largest gain that reaches its threshold so far."""
@@ -223,11 +256,17 @@ def _tried(
         tasks = [[f[n] for f in found] for n in names]
         made = threaded(lambda scores: attempt(sides, fits, held, scores, left), tasks)
         tried.extend(trial for trial in made if trial is not None)
-        return _largest(tried, rules)
+        return _largest(tried, explains)
 
     best = fit(chosen[:AT_FIRST])
-    best = fit([n for n in chosen[AT_FIRST:] if gains[n] > RIVAL * best], best)
+    near = RIVAL * min([best, *(gains[t.name] for t in tried if t.gain >= best > 0.0)])
+    best = fit([n for n in chosen[AT_FIRST:] if gains[n] > near], best)
     gap = max(cost(held) - 1.0, 1e-9)
+    if cost(held) > ADEQUATE and best * cost(held) < MOST * gap:
+        # first order does not see what takes the place of dry friction, where that is bent
+        done, terms = {t.name for t in tried}, {n: found[0][n].term for n in gains}
+        bent = [n for n, t in terms.items() if t.law is None and t.search == "scan"]
+        best = fit([n for n in bent if n not in done], best)
     rough, left = max(s.rough for s in sides) > ROUGH, (1.0 - best) * cost(held)
     if rough and left > ADEQUATE and best * cost(held) < ALL_CLOSED * gap:
         hopeless = {n for n, r in removed.items() if r < rules.search_left * (left - 1.0)}

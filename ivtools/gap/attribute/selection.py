@@ -8,7 +8,7 @@ forward selection add one effect each; a backward pass drops what a later one ma
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -205,11 +205,11 @@ def attribute(
         Effects left out of the library.
     """
 
-    def tried(earlier: Sequence[Round], only: str = "") -> Round:
-        """Return the round that comes after some others, of all effects or one."""
+    def tried(earlier: Sequence[Round], only: Collection[str] = ()) -> Round:
+        """Return the round that comes after some others, of all effects or these."""
         last = earlier[-1].best if earlier else None
         terms = library(last.fits[0].loop if last else base[0].loop, extra, without)
-        return play(sides, base, earlier, [t for t in terms if only in ("", t.name)], rules)
+        return play(sides, base, earlier, [t for t in terms if t.name in only or not only], rules)
 
     rounds, groups, local = _forward(tried, base, rules)
     if local:
@@ -227,6 +227,7 @@ def attribute(
     surpassed = frozenset(t.name for group in groups[told:most] for t in group)
     kept, fits, held = _backward(sides, base, fits, held, names)
     found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws, surpassed)
+    found = _beside_others(sides, found, tried)
     ended = {tuple(names[: names.index(t.name) + 1]): t for t in ends[:most]}
     found = _withdrawn(sides, found, ended)
     first = rounds[0].best if rounds else None
@@ -251,29 +252,38 @@ def _forward(
     base : tuple of Fit
     rules : Rules
     """
-    elsewhere = any(f.fold.both is not None for f in base)
+
+    def beyond(group: tuple[Trial, ...]) -> bool:
+        """Whether one depends on positions or times that the other record has not seen."""
+        return _elsewhere(base) and any(t.term.local for t in group)
+
     rounds: list[Round] = []
     groups: list[tuple[Trial, ...]] = []
     room = rules.most
     while room:
         rounds.append(tried(rounds))
-        winner = rounds[-1].best
-        group: tuple[Trial, ...] = () if winner is None else (winner,)
-        local = elsewhere and any(t.term.local for t in group)
-        if winner is not None and not local and _doubtful(winner, rounds[-1], base, rules):
-            more = _pair(rounds, tried, base, rules) if room > 1 else []
+        last = rounds[-1]
+        first = last if groups else last.led(rules)
+        if first.best is None:
+            break
+        group: tuple[Trial, ...] = (first.best,)
+        if not beyond(group) and (first is not last or _doubtful(first.best, last, base, rules)):
+            more = _pair([*rounds[:-1], first], tried, base, rules) if room > 1 else []
             rounds += more
-            group = tuple(r.best for r in more[-2:] if r.best is not None)
-            if not more and not _doubtful(winner, rounds[-1], base, rules, asked=True):
-                group = (winner,)
-            local = elsewhere and any(t.term.local for t in group)
-        if local:
+            if more or first is not last or _doubtful(first.best, last, base, rules, asked=True):
+                group = tuple(r.best for r in more[-2:] if r.best is not None)
+        if beyond(group):
             return rounds, groups, True
         if not group:
             break
         groups.append(group)
         room -= len(group)
     return rounds, groups, False
+
+
+def _elsewhere(base: tuple[Fit, ...]) -> bool:
+    """Whether one record goes where, or lasts when, the other one does not."""
+    return any(f.fold.both is not None for f in base)
 
 
 def _pair(
@@ -308,7 +318,7 @@ def _pair(
         """Return the round that comes after a first one with this effect."""
         if first.best is not None and first.best.name == name:
             return tried(rounds)
-        known = [t for t in first.trials if t.name == name] or tried(earlier, name).trials
+        known = [t for t in first.trials if t.name == name] or tried(earlier, [name]).trials
         one = replace(first, qualified=tuple(known), measured="")
         return tried([*earlier, one]) if known else None
 
@@ -320,7 +330,7 @@ def _pair(
         if last is None or last.best is None or _doubtful(last.best, last, base, rules):
             return []
         found.append(last)
-        if last.best.term.local and any(f.fold.both is not None for f in base):
+        if last.best.term.local and _elsewhere(base):
             return found
         names.append(last.best.name)
         if len(found) > 1 and names[-1] == names[-3]:  # either is the best beside the other
@@ -494,6 +504,34 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
     if laws is None or _names_kept(models, laws, winners, found.rules).told:
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
+
+
+def _beside_others(
+    sides: tuple[Side, ...], result: Attribution, tried: Callable[..., Round]
+) -> Attribution:
+    """Judge what is doubtful once more, beside all other names, if together they leave nothing.
+
+    Where it was found the gap held what the later ones explain, which makes any effect uneven.
+
+    Parameters
+    ----------
+    sides : tuple of Side
+    result : Attribution
+    tried : callable
+        Plays the round that comes after others.
+    """
+    if len(result.named) < 2 or cost(result.held) >= CLEAN:
+        return result
+    anew = []
+    for name in result.doubtful:
+        other = next(t for n, (_, t) in result._winners.items() if n != name)
+        fewer = tuple(threaded(_without, sides, result.fits, (name, name)))
+        others = replace(other, fits=fewer, held=frozen(sides, fewer), before=result.base)
+        alike = (t.name for t in result._rivals(result._winners[name][0]))
+        before = replace(result.rounds[0], qualified=(others,), measured="")
+        last = tried([before], [name, *alike])
+        anew += [last] if last.best is not None and last.best.name == name else []
+    return replace(result, rounds=(*result.rounds, *anew))
 
 
 def _withdrawn(

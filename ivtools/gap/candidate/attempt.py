@@ -155,6 +155,7 @@ def _free(term: Term, values: Mapping[str, float]) -> list[str]:
     own = [p for p in term.parameters if not p.nuisance]
     if term.search == "valleys":  # none of it is another motion than little: no way leads there
         own = [p for p in own if values[p.name] != 0.0]
-    if term.search in ("either", "scan"):  # a shape that starts without effect stays there
+    shaped = term.search == "scan" and term.law is not None
+    if shaped or term.search == "either":  # a shape that starts without effect stays there
         own = [p for p in own if p.linear or values[p.name] != p.neutral]
     return [f"{term.name}.{p.name}" for p in own]

@@ -77,7 +77,8 @@ def beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, fl
     band of its motion, knows better what it weighs.
     """
     if term.search == "valleys" and term.law is not None:
-        return {**fit.values, **fit.inverse.values(term, values)}
+        shown = fit.inverse.values(term, values)
+        return {**fit.values, **shown} if shown.get("inertia", 1.0) > 0.0 else fit.values
     if term.search == "valleys" and fit.fold.link is not None:
         return {**fit.values, **{n: v for n, v in fit.loop.start.items() if "." not in n}}
     return fit.values

@@ -158,8 +158,13 @@ class Trial:
     @cached_property
     def lowers(self) -> bool:
         """Whether the plain force error on held-out data, of both folds, is smaller with it."""
+        return self.lowered > 0.0
+
+    @cached_property
+    def lowered(self) -> float:
+        """By how much, in energy, of that of the force."""
         before, after = (sum(f.force_rms**2 for f in fits) for fits in (self.before, self.held))
-        return after < before
+        return (before - after) / max(sum(f.fold.force_rms(f.loop) ** 2 for f in self.held), 1e-300)
 
     @cached_property
     def unlike(self) -> float:
@@ -203,20 +208,28 @@ class Trial:
         both = zip(self.held, errors, strict=True)
         return np.concatenate([h.fold.block_sums(e**2 - h.e**2) for h, e in both])
 
+    @property
+    def sound(self) -> bool:
+        """Whether it does what its name says, and the force error is smaller for it."""
+        return self.acts and self.inside and self.same_gap and self.lowers and self.distinct
+
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates, and the force error is smaller for it."""
         least = rules.threshold(self.term)
-        enough = bool(np.min(self.shares) >= least.share)
-        thorough = bool(np.min(self.closable) >= rules.thorough.share)
-        reached = any(self._reaches(x) for x in (least, rules.steady, rules.dominant))
-        reached |= thorough and self._reaches(rules.thorough)
-        dominates = bool(np.max(self.gains) >= rules.dominant.gain)
-        reached |= dominates and self._reaches(rules.one_sided)
-        reached |= self._reaches(rules.rough) and self.apart
-        sound = self.acts and self.inside and self.same_gap and self.lowers
-        return enough and reached and sound and self.distinct
+        enough = np.min(self.shares) >= least.share and self.lowered > rules.worth**2
+        if not (self.sound and enough):
+            return False
+        any_of = [least, rules.steady, rules.dominant]
+        if np.min(self.closable) >= rules.thorough.share:
+            any_of.append(rules.thorough)
+        if np.max(self.gains) >= rules.dominant.gain:
+            any_of.append(rules.one_sided)
+        if self.apart:
+            any_of.append(rules.rough)
+        return any(map(self.reaches, any_of))
 
-    def _reaches(self, least: Threshold) -> bool:
+    def reaches(self, least: Threshold) -> bool:
+        """Whether its gain, t value and agreement between the folds reach a threshold."""
         gain, t = np.min(self.gains), np.min(self.t)
         return bool(gain >= least.gain and t >= least.t and self.disagreement <= least.agreement)
 

@@ -14,14 +14,15 @@ from ...record import Record
 from ...workers import one_blas_thread, threaded
 from .. import floor, parity, preflight, quantify
 from ..attribute import Attribution, attribute, cost, upheld
+from ..candidate import frozen
 from ..diagnosis import Diagnosis
 from ..fit import Fit, common
-from ..floor import Measured, Ready, folds, masked, measure, prepared
+from ..floor import Measured, Ready, audible, folds, masked, measure, prepared
 from ..fold import Fold, Link, Side
 from ..library import library
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import ADEQUATE, RATTLES, SATURATED, TOLERANCE, Rules
+from ..rules import ADEQUATE, ALONE, AUDIBLE, SATURATED, TOLERANCE, Rules
 from .refused import refused
 
 
@@ -139,6 +140,8 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         preflight.require(one)
     say("controller parity")
     rules = task.rules or Rules()
+    fine = min(task.tolerance, TOLERANCE)  # a wide tolerance makes words, and takes no names
+    rules = replace(rules, worth=rules.worth * fine / TOLERANCE)
     task, parts = _bounded(task, rules.samples)
     if preflight.lawless(task.record, task.loop):
         text = "no reference is in the record, so no control law can be read from it; for the "
@@ -172,6 +175,8 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         return refused(record, loop, checked, [*found, *law])
     if any(p.clipped > SATURATED for p in checked):
         rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
+    least = AUDIBLE * fine / 100.0
+    measured = tuple(audible(m, least) for m in measured)
     measured = tuple(replace(m, side=replace(m.side, places=task.places)) for m in measured)
     return Begun(task, loop, measured, third, rules, [*found, *law], inspected)
 
@@ -287,7 +292,7 @@ def _attributed(begun: Begun) -> Attributed:
     measured, (sides, base), asked = begun.measured, begun.whole, begun.task
     more = (begun.rules, tuple(asked.extra), tuple(asked.without))
     result = attribute(sides, base, *more)
-    if not result.named and (alone := _rattling(begun)) is not None:
+    if not result.named and (alone := _alone(begun)) is not None:
         return alone
     if not result.named and any(m.floor.isolated for m in measured):
         measured, whole = begun.calm, (sides, base)
@@ -297,28 +302,43 @@ def _attributed(begun: Begun) -> Attributed:
     return Attributed(begun, (measured if len(measured) == 2 else sides)[-1].fold, result)
 
 
-def _rattling(begun: Begun) -> Attributed | None:
-    """Return the second mass that one of two records shows by itself, the clearer one first.
+def _alone(begun: Begun) -> Attributed | None:
+    """Return what one of two records shows by itself, the clearer one first.
 
     A load may rattle in one of two motions only, or at other moments in each, so that nothing
-    replicates between them. Alternating stretches of one record tell it from what came once.
+    replicates between them: alternating stretches of one record tell it from what came once. So
+    may any effect that the other motion does not show: then it changes nothing there, and the model
+    of that record is as good with it as without.
     """
     task, pair = begun.task, begun.measured
-    once = any(m.floor.isolated or m.base.cost < ADEQUATE for m in pair)
-    if len(pair) < 2 or not once:
+    if len(pair) < 2:
         return None
     extra = tuple(task.extra)
-    others = (t.name for t in library(begun.loop, extra) if not t.second_mass)
-    more = (begun.rules, extra, (*task.without, *others))
-    for one in sorted((m for m in pair if m.base.cost > RATTLES), key=lambda m: -m.base.cost):
-        record, (sides, base) = one.fold.record, folds((one,))
-        result = attribute(sides, base, *more)
+    others = tuple(t.name for t in library(begun.loop, extra) if not t.second_mass)
+    for one, other in sorted(zip(pair, pair[::-1], strict=True), key=lambda p: -p[0].base.cost):
+        silent = other.base.cost < ADEQUATE
+        if one.base.cost < ALONE or not (silent or any(m.floor.isolated for m in pair)):
+            continue
+        name, unmoved = one.fold.record.name, other.fold.record.name
+        (sides, base), more = folds((one,)), (begun.rules, extra)
+        result = attribute(sides, base, *more, (*task.without, *others))
+        told = f"only stretches of {name} tell of %s, and nothing repeats in the other record"
+        if not result.named and silent and one.fold.link is None:
+            result = attribute(sides, base, *more, tuple(task.without))
+            told = f"only {name} tells of %s: the motion of {unmoved} does not show it"
+            if not _hidden(other, result):
+                continue
         if result.named:
-            names = ", ".join(result.named)
-            told = f"only stretches of {record.name} tell of {names}, and nothing repeats in the "
-            found = Finding(told + "other record: record one motion twice to be sure", fatal=False)
-            single = replace(task, record=record, holdout=None)
-            own = replace(one, floor=replace(one.floor, between=None))  # they differ by the rattle
-            alone = replace(begun, task=single, measured=(own,), found=[*begun.found, found])
+            said = told % ", ".join(result.named) + "; record one motion twice to be sure"
+            single = replace(task, record=one.fold.record, holdout=None)
+            own = replace(one, floor=replace(one.floor, between=None))  # they differ by the effect
+            found = [*begun.found, Finding(said, fatal=False)]
+            alone = replace(begun, task=single, measured=(own,), found=found)
             return Attributed(alone, sides[-1].fold, result)
     return None
+
+
+def _hidden(other: Measured, result: Attribution) -> bool:
+    """Whether a record that shows no gap shows none with the effects of another one either."""
+    sides = (other.side, other.side)
+    return frozen(sides, (other.base, result.fits[0]))[0].cost < ADEQUATE

@@ -15,7 +15,7 @@ from ..fit import Fit, common, gauss_newton, steps
 from ..floor import Measured, masked
 from ..fold import Fold
 from ..preflight import Finding
-from ..rules import AT_CONTROLLER, DESCRIBED, REPEATS
+from ..rules import AT_CONTROLLER, DESCRIBED, REPEATS, UNNAMED
 from .begun import Begun, Progress, mute
 
 
@@ -56,7 +56,8 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     tell = task.described and after > DESCRIBED
     left = discrepancy.describe(common(result.held), result.laws) if tell else None
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
-    changed = verdict.changes(result, task.tolerance) if repeats < REPEATS else {}
+    bent = repeats >= REPEATS and not shrink.slight(task.tolerance)  # by what has no name
+    changed = {} if bent else verdict.changes(result, task.tolerance)
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
     nameless = word == "unexplained" and tell and left is None
     remark = verdict.remainder(result.held, shrink) if nameless else None
@@ -74,7 +75,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         ),
         regions=locate.regions(fold.record, fold.keep, traces.before, traces.after),
         shrink=shrink,
-        ranking=verdict.ranking(result, rules, max(before - 1.0, 1e-9)),
+        ranking=verdict.ranking(result, rules, max(before, UNNAMED) - 1.0),
         advice=(*advice.motions(result), *advice.remarks(loop, measured, result, held_out, given)),
         findings=(*begun.found, *said, *([remark] if remark else [])),
         parity=checked,

@@ -5,12 +5,13 @@ measured    a record with its base model and floor, as it is judged, whole or in
 """
 
 from .floor import Floor, autoregression, between
-from .measured import Measured, Ready, folds, masked, measure, prepared
+from .measured import Measured, Ready, audible, folds, masked, measure, prepared
 
 __all__ = [
     "Floor",
     "Measured",
     "Ready",
+    "audible",
     "autoregression",
     "between",
     "folds",

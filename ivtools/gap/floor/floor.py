@@ -81,6 +81,8 @@ class Floor:
     events : tuple of (float, float)
         Start and end, s, of stretches that no law of the state explains.
     event_mask : ndarray of bool, (n_samples,)
+    excess : float
+        By how much these stretches stand out in the force, in energy, N or N m rms.
     """
 
     whitener: Array
@@ -91,6 +93,7 @@ class Floor:
     events: tuple[tuple[float, float], ...]
     event_mask: Mask
     between: float | None = None
+    excess: float = 0.0
 
     @property
     def level(self) -> float:
@@ -164,7 +167,16 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
         passes=_passes(raw, keep & ~mask, period, dt),
         events=stretches(mask, fold.record.t),
         event_mask=mask,
+        excess=_excess(rest, keep, mask),
     )
+
+
+def _excess(e: Array, keep: Mask, mask: Mask) -> float:
+    """Return how much larger an error is where a mask is, in energy, N or N m rms."""
+    if not (keep & mask).any() or not (keep & ~mask).any():
+        return 0.0
+    there, elsewhere = (float(np.mean(e[part] ** 2)) for part in (keep & mask, keep & ~mask))
+    return float(np.sqrt(max(there - elsewhere, 0.0)))
 
 
 def _require(x: Array) -> None:

@@ -51,6 +51,11 @@ class Measured:
         """What is compared of the record."""
         return self.side.fold
 
+    @property
+    def force(self) -> float:
+        """Force of the drive, N or N m rms."""
+        return self.base.fold.force_rms(self.base.loop)
+
 
 class Ready(NamedTuple):
     """A record and the loop that its reference drives, what its controller shows, and its place."""
@@ -112,6 +117,17 @@ def measure(ready: Ready) -> Measured:
     fit = gauss_newton(fold, loop, fit.values, free, step)
     rough = float(np.mean(level.event_mask))
     return Measured(Side(fold, heard, scales, rough), fit, level, checked, driven)
+
+
+def audible(m: Measured, least: float) -> Measured:
+    """Return a record in which nothing stands out by less than a share of the force.
+
+    Where the noise is a thousandth of it, as in a simulator, the friction at a reversal stands out.
+    """
+    if m.floor.excess >= least * m.force:
+        return m
+    nothing = np.zeros_like(m.floor.event_mask)
+    return replace(m, floor=replace(m.floor, events=(), event_mask=nothing))
 
 
 def masked(m: Measured) -> Measured:

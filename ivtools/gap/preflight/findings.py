@@ -35,7 +35,7 @@ from ..rules import (
     NO_MOTION,
     ONE_WAY,
     OPEN_LOOP,
-    OTHER_INERTIA,
+    OTHER_VALUE,
     OVER_LIMIT,
     OVERLAP,
     PARITY_POOR,
@@ -283,7 +283,7 @@ def same_axis(bases: Sequence[Fit]) -> list[Finding]:
         return []
     for fit, other in zip(bases, inertias[::-1], strict=True):
         error = fit.fold.error(fit.loop, {**fit.values, "inertia": other})
-        if float(np.mean(error**2)) < OTHER_INERTIA * fit.cost:
+        if float(np.mean(error**2)) < OTHER_VALUE * fit.cost:
             return []
     unit = JOINTS[bases[0].loop.joint].inertia
     names = [fit.fold.record.name for fit in bases]

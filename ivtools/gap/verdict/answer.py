@@ -23,10 +23,12 @@ from ..rules import (
     FAINT,
     HEARD,
     MOST,
+    OTHER_VALUE,
     OVER_FLOOR,
     REPEATS,
     SHORT,
     STEADY,
+    UNSEEN,
 )
 
 VERDICTS = {
@@ -88,14 +90,12 @@ class Setting:
 def changes(result: Attribution, tolerance: float) -> dict[str, Setting]:
     """Return the base parameters that differ between two records, whatever is named.
 
-    Only where the model reproduces both: a force that it lacks bends the parameters along other
-    motions otherwise.
+    Only where the model reproduces both, or errs by far more with the other record's value: a force
+    that it lacks bends the parameters along other motions otherwise.
     """
     if result.fits[0].fold.record is result.fits[1].fold.record:
         return {}
     one, two = (_own_parameters(fit) for fit in common(result.fits))
-    if max(one.cost, two.cost) > STEADY:
-        return {}
     found = {}
     force = float(np.sqrt(np.mean(one.loop.force(one.fold.record)[one.fold.keep] ** 2)))
     for name in (n for n in one.free if "." not in n and n in two.free):
@@ -128,7 +128,8 @@ def _needed(fit: Fit, name: str, value: float) -> bool:
     step = steps(fit.fold, fit.loop, Scales(fit.fold.record, fit.loop))
     others = [n for n in fit.free if n != name]
     moved = gauss_newton(fit.fold, fit.loop, {**fit.values, name: value}, others, step)
-    return (moved.cost - fit.cost) * len(fit.e) > CHANGED_T**2
+    clear = fit.cost <= STEADY or moved.cost > OTHER_VALUE * fit.cost
+    return clear and (moved.cost - fit.cost) * len(fit.e) > CHANGED_T**2
 
 
 def decide(
@@ -156,7 +157,7 @@ def decide(
     tolerance : float
         Per cent of the force below which a gap is negligible.
     """
-    small = shrink.remainder < 0.01 * tolerance * shrink.force
+    small = shrink.slight(tolerance)
     if effects:
         return "explained" if small or shrink.closed >= EXPLAINED else "partial"
     few = min(m.fold.n_kept for m in measured)
@@ -168,7 +169,9 @@ def decide(
     between = measured[-1].floor.between
     above = between is not None and shrink.after > OVER_FLOOR * between and not small
     above = above or repeats >= REPEATS
-    if left <= allowed and not above:
+    errors = [(shrink.after_frozen, shrink.force), *((m.base.force_rms, m.force) for m in measured)]
+    unseen = all(e < 0.01 * tolerance * force for e, force in errors)  # floor and all
+    if (unseen and shrink.slight(UNSEEN * tolerance)) or (left <= allowed and not above):
         return "adequate"
     return "non-repeatable" if _moved(result) else "unexplained"
 

@@ -1,0 +1,145 @@
+"""Diagnoses on axes as others draw them: slow rates, hardly any noise, soft bristles, twins."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from benchmarks import moves
+from benchmarks.withheld.cases import draw
+from benchmarks.withheld.suites import Task
+from ivtools.loop import Controller
+from ivtools.loop.axis_file import from_tables
+from ivtools.record import Record
+
+BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+SECONDS = 16.0
+
+
+def withheld(*effects, seed):
+    """Return the diagnosis of a drawn case with two effects."""
+    case = draw(Task("two", seed, effects))
+    one, two = (Record.from_dict(r, name=n) for r, n in zip(case.records, "ab", strict=True))
+    return iv.diagnose(one, from_tables(case.axis.tables()), two)
+
+
+def pair(effect="", *, noise=None, seeds=(1, 2), monkeypatch=None, **values):
+    """Return two records of the EMPS with an effect, and maybe another force noise, N."""
+    loop = iv.axes.emps().with_effect(effect, **values) if effect else iv.axes.emps()
+    if noise is not None:
+        monkeypatch.setattr(moves, "FORCE_NOISE", noise)
+    return [moves.record(loop, loop.values(BASE), SECONDS, seed) for seed in seeds]
+
+
+# -- what is negligible ----------------------------------------------------------------------------
+def test_what_nobody_could_see_has_no_name_and_is_no_gap(monkeypatch):
+    """Where the noise is a thousandth of the force, everything is significant."""
+    pairs = pair("cogging", noise=0.004, monkeypatch=monkeypatch, cosine=0.012, period=0.004)
+    gap = iv.diagnose(pairs[0], iv.axes.emps(), pairs[1])
+    assert gap.effects == () and gap.verdict == "adequate"
+    asked = iv.diagnose(pairs[0], iv.axes.emps(), pairs[1], tolerance=0.01)
+    assert asked.effects == ("cogging",)
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.35])
+def test_a_payload_is_a_changed_setting_and_no_other_axis(factor):
+    loop = iv.axes.emps()
+    heavy = loop.values({**BASE, "inertia": factor * BASE["inertia"]})
+    one = moves.record(loop, loop.values(BASE), SECONDS, 3)
+    gap = iv.diagnose(one, loop, moves.record(loop, heavy, SECONDS, 4))
+    assert gap.verdict == "non-repeatable" and set(gap.changed) == {"inertia"}
+    assert gap.changed["inertia"].holdout == pytest.approx(heavy["inertia"], rel=0.03)
+
+
+def test_a_changed_setting_is_said_beside_a_small_gap(monkeypatch):
+    """The model is never quite the axis, which shows where there is hardly any noise."""
+    plain = iv.axes.emps().with_effect("stribeck", force=0.05, speed=0.01)
+    monkeypatch.setattr(moves, "FORCE_NOISE", 0.004)
+    records = [
+        moves.record(plain, plain.values({**BASE, "coulomb": c}), SECONDS, s)
+        for s, c in ((5, 20.0), (6, 16.0))
+    ]
+    gap = iv.diagnose(records[0], iv.axes.emps(), records[1], without=["stribeck"])
+    assert "coulomb" in gap.changed
+
+
+# -- what is looked for --------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("stiffness", "damping"), [(2e5, 1200.0), (6e5, 3000.0), (8e4, 400.0), (2.34e5, 5383.0)]
+)
+def test_a_bristle_has_its_damping(stiffness, damping):
+    one, two = pair("presliding", stiffness=stiffness, damping=damping)
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert gap.effects == ("presliding",)
+    assert gap.parameters["presliding"]["stiffness"] == pytest.approx(stiffness, rel=0.1)
+    assert gap.parameters["presliding"]["damping"] == pytest.approx(damping, rel=0.25)
+
+
+def test_two_that_hide_each_other_are_found_together():
+    """Neither reaches its threshold while the other one is in the gap."""
+    gap = withheld("position-friction", "spring", seed=7109)
+    assert set(gap.effects) == {"position-friction", "spring"}
+    assert gap.chi[1] < 1.05
+
+
+def test_what_is_uneven_alone_is_judged_beside_the_others():
+    gap = withheld("friction-drift", "asymmetric-viscous", seed=7106)
+    assert set(gap.effects) == {"friction-drift", "asymmetric-viscous"}
+
+
+def test_an_effect_that_one_motion_hides_is_told_by_the_other():
+    """At constant speed friction of the load is dry and viscous friction."""
+    loop = iv.axes.emps().with_effect("load-friction", ratio=0.08)
+    t = np.arange(0.0, SECONDS, moves.DT)
+    q_ref = 0.1 + 0.08 * np.sin(2.0 * np.pi * 0.08 * t)
+    asked = Record(t, q_ref, q_ref=q_ref, nu=q_ref)
+    noise = np.random.default_rng(8).normal(0.0, moves.FORCE_NOISE, len(t))
+    ran = loop.simulate(asked, loop.values(BASE), initial="rest", force_noise=noise)
+    slow = Record(t, ran.q, q_ref=q_ref, nu=ran.nu, name="slow")
+    brisk = moves.record(loop, loop.values(BASE), SECONDS, 9).replace(name="brisk")
+    for one, two in ((slow, brisk), (brisk, slow)):
+        gap = iv.diagnose(one, iv.axes.emps(), two)
+        assert gap.effects == ("load-friction",)
+        assert gap.parameters["load-friction"]["ratio"] == pytest.approx(0.08, rel=0.1)
+    assert any("the motion of slow does not show it" in f.text for f in gap.findings)
+
+
+# -- what is said to be one ------------------------------------------------------------------------
+def hinge(arc, noise, seed):
+    """Return a record of a hinge with an eccentric mass, over an arc of so many radians."""
+    law = Controller("cascade-pd", {"kp": 30.0, "kv": 0.8})
+    terms = ("inertia", "viscous", "coulomb", "offset")
+    loop = iv.ClosedLoop(law, 1.0, terms, joint="revolute")
+    axis = loop.with_effect("gravity", sin=0.2, cos=0.1)
+    theta = axis.values({"inertia": 0.02, "viscous": 0.05, "coulomb": 0.04, "offset": 0.0})
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, SECONDS, 2e-3)
+    hz, turn = rng.uniform(0.1, 1.2, 5), rng.uniform(0.0, 2.0 * np.pi, 5)
+    q_ref = np.sin(2.0 * np.pi * hz * t[:, None] + turn).sum(axis=1) * arc / 10.0
+    asked = Record(t, q_ref, q_ref=q_ref, nu=q_ref)
+    ran = axis.simulate(asked, theta, initial="rest", force_noise=rng.normal(0.0, noise, len(t)))
+    return Record(t, ran.q, q_ref=q_ref, nu=ran.nu, name=f"seed {seed}"), loop
+
+
+def test_gravity_and_a_spring_are_one_over_a_short_arc_only():
+    (one, loop), (two, _) = hinge(0.8, 3e-3, 11), hinge(0.8, 3e-3, 12)
+    short = iv.diagnose(one, loop, two)
+    assert {*short.effects, *short.ambiguous_with[short.effects[0]]} == {"gravity", "spring"}
+    assert any("three times the stroke" in line for line in short.advice)
+    (one, loop), (two, _) = hinge(3.0, 1e-4, 11), hinge(3.0, 1e-4, 12)
+    wide = iv.diagnose(one, loop, two)
+    assert wide.effects == ("gravity",) and wide.ambiguous_with["gravity"] == []
+
+
+# -- rates -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize("hz", [100.0, 125.0, 200.0, 250.0, 333.0, 400.0, 2000.0, 5000.0])
+def test_a_slow_rate_has_a_pipeline(hz):
+    """A cut-off at half the sampling rate had been asked for, and refused."""
+    t = np.arange(0.0, 10.0, 1.0 / hz)
+    q = 0.1 * np.sin(2.0 * np.pi * 0.7 * t)
+    loop = iv.axes.emps()
+    for inertia in (0.5, 5.0, 50.0):  # the loop as fast as its rate, and faster
+        quick = replace(loop, start={**loop.start, "inertia": inertia})
+        pipeline = quick.pipeline(Record(t, q, q_ref=q, nu=q), "report")
+        assert pipeline.cutoff_hz < 0.45 * hz
