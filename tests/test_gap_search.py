@@ -110,7 +110,7 @@ def test_a_diagnosis_may_look_for_second_masses_only():
 
 def test_a_backlash_before_a_load_without_friction_is_found():
     """Very little friction there makes another motion than none: no gradient leads to it."""
-    true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.5, "contact_hz": 150.0}
+    true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.0, "contact_hz": 220.0}
     loop, theta = axis("backlash", **true, load_offset=0.0, damping=0.5)
     one, two = (moves.record(loop, theta, 16.0, s) for s in (3, 13))
     gap = iv.diagnose(one, iv.axes.emps(), two)

@@ -270,7 +270,7 @@ def quantify(
         held_out=held_out,
         after_frozen=_rms(e2),
         interval_frozen=_interval(e2, fold),
-        force=_rms(after.loop.force(fold.record)[fold.keep, 0]),
+        force=fold.force_rms(after.loop),
         signals=_signals(before, after),
     )
 

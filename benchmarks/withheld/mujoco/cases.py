@@ -260,7 +260,7 @@ def draw(suite: str, name: str, seed: int) -> Case:
     if name in ("gravity",) and a.plant.joint == "prismatic":
         a = replace(a, plant=replace(a.plant, joint="revolute"))
     if suite == "quiet":
-        a, suite = quiet(rng, a), kind_of(name)
+        a, suite = quiet(rng, a), _suite_of(name)
     source = {"effects": EFFECTS, "unknown": UNKNOWN}.get(suite, {})
     values = source[name](rng, a) if name in source else {}
     wrong, cut = values.pop("wrong", 0.0), values.pop("cut", None)
@@ -290,7 +290,7 @@ def draw(suite: str, name: str, seed: int) -> Case:
     return Case(tables, records, {"suite": suite, "name": name, "effects": truth})
 
 
-def kind_of(name: str) -> str:
+def _suite_of(name: str) -> str:
     """Return the suite that a name belongs to."""
     suites = {"effects": EFFECTS, "unknown": UNKNOWN, "changed": CHANGED}
     return next((suite for suite, names in suites.items() if name in names), "none")

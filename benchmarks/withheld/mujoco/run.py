@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..scores import score
-from .cases import CHANGED, EFFECTS, UNKNOWN, draw, kind_of
+from .cases import CHANGED, EFFECTS, UNKNOWN, draw
 
 SUITES = {
     "effects": EFFECTS,
@@ -46,8 +46,7 @@ def answer(suite: str, name: str, seed: int) -> dict[str, Any]:
     kept = ("verdict", "effects", "ambiguous_with", "shrink", "whitened", "changed",
             "discrepancy", "probability", "evidence", "findings")  # fmt: skip
     row |= {"seconds": time.process_time() - start, "found": {k: found[k] for k in kept}}
-    kind = kind_of(name) if suite == "quiet" else suite
-    return {**row, "score": scored(kind, found, case.label)}
+    return {**row, "score": scored(case.label["suite"], found, case.label)}
 
 
 def scored(suite: str, found: dict[str, Any], label: dict[str, Any]) -> str:

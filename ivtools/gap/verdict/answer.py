@@ -97,7 +97,7 @@ def changes(result: Attribution, tolerance: float) -> dict[str, Setting]:
         return {}
     one, two = (_own_parameters(fit) for fit in common(result.fits))
     found = {}
-    force = float(np.sqrt(np.mean(one.loop.force(one.fold.record)[one.fold.keep] ** 2)))
+    force = one.fold.force_rms(one.loop)
     for name in (n for n in one.free if "." not in n and n in two.free):
         a, b = one.values[name], two.values[name]
         t = abs(a - b) / max(np.hypot(one.deviation([name]), two.deviation([name])), 1e-300)
