@@ -322,14 +322,14 @@ def _alone(begun: Begun) -> Attributed | None:
         name, unmoved = one.fold.record.name, other.fold.record.name
         (sides, base), more = folds((one,)), (begun.rules, extra)
         result = attribute(sides, base, *more, (*task.without, *others))
-        told = f"only stretches of {name} tell of %s, and nothing repeats in the other record"
+        who, but = f"only stretches of {name} tell", "and nothing repeats in the other record"
         if not result.named and silent and one.fold.link is None:
             result = attribute(sides, base, *more, tuple(task.without))
-            told = f"only {name} tells of %s: the motion of {unmoved} does not show it"
+            who, but = f"only {name} tells", f"the motion of {unmoved} does not show it"
             if not _hidden(other, result):
                 continue
         if result.named:
-            said = told % ", ".join(result.named) + "; record one motion twice to be sure"
+            said = f"{who} of {', '.join(result.named)}, {but}; record one motion twice to be sure"
             single = replace(task, record=one.fold.record, holdout=None)
             own = replace(one, floor=replace(one.floor, between=None))  # they differ by the effect
             found = [*begun.found, Finding(said, fatal=False)]
