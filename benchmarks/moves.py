@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -37,11 +37,17 @@ def record(
     seconds: float,
     seed: int,
     stroke: tuple[float, float] = STROKE,
+    unknown: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Record:
-    """Return a record of a loop with noise on its force and a coarse encoder."""
+    """Return a record of a loop with noise on its force and a coarse encoder.
+
+    `unknown` is a further force, N, of the speed of the reference, m/s.
+    """
     rng = np.random.default_rng(seed)
     q_ref = reference(rng, seconds, stroke)
     t, noise = np.arange(len(q_ref)) * DT, rng.normal(0.0, FORCE_NOISE, len(q_ref))
+    if unknown is not None:
+        noise = noise - unknown(np.gradient(q_ref, DT))
     asked = Record(t, q_ref, q_ref=q_ref, nu=q_ref)  # only its reference counts
     ran = loop.simulate(asked, theta, initial="rest", force_noise=noise, quantum=QUANTUM)
     return Record(t, ran.q, q_ref=q_ref, nu=ran.nu, name=f"{seconds:g} s, seed {seed}")

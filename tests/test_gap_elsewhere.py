@@ -9,6 +9,7 @@ import ivtools as iv
 from benchmarks import moves
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
+from ivtools.gap.response import leaky
 from ivtools.loop import Controller
 from ivtools.loop.axis_file import from_tables
 from ivtools.record import Record
@@ -103,6 +104,26 @@ def test_an_effect_that_one_motion_hides_is_told_by_the_other():
         assert gap.effects == ("load-friction",)
         assert gap.parameters["load-friction"]["ratio"] == pytest.approx(0.08, rel=0.1)
     assert any("the motion of slow does not show it" in f.text for f in gap.findings)
+
+
+@pytest.mark.parametrize("law", [lambda v: v / 0.08, np.sign], ids=["creep", "relaxing"])
+@pytest.mark.parametrize("seconds", [0.2, 0.6, 2.0, 5.0])
+def test_a_force_that_remembers_the_motion_is_no_noise(law, seconds):
+    """A seal or a belt that relaxes had been learnt as coloured noise, and its gap was adequate."""
+    loop = iv.axes.emps()
+
+    def diagnosis(size):
+        def force(v):
+            return size * leaky(law(v), seconds, moves.DT)
+
+        one, two = (
+            moves.record(loop, loop.values(BASE), SECONDS, seed, unknown=force) for seed in (1, 2)
+        )
+        return iv.diagnose(one, loop, two)
+
+    plain, gap = diagnosis(0.0), diagnosis(15.0)
+    assert gap.floors[0].noise < 1.3 * plain.floors[0].noise
+    assert gap.verdict != "adequate" and gap.effects == ()
 
 
 # -- what is said to be one ------------------------------------------------------------------------

@@ -13,14 +13,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
+from scipy import fft, signal
 
 from ..errors import EstimationError
 from ..linalg import as_columns
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..record import Record
-from .rules import AFTER_REVERSAL, MOVES, RESPONSE_TIME, SPEED_KNOTS
+from .rules import AFTER_REVERSAL, FORGETTING, MOVES, RESPONSE_TIME, SPEED_KNOTS
 
 Array = NDArray[np.float64]
 
@@ -116,8 +116,20 @@ def features(simulation: Simulation) -> Array:
         *_load(tau, s),
         *_reversal(dq, s, dt),
         *_slow(dq, s),
+        *remembered(dq, dt),
     ]
     return _scaled(columns)
+
+
+def leaky(x: Array, seconds: float, dt: float, start: float = 0.0) -> Array:
+    """Return a signal that is forgotten: a first-order lag, and what it was before."""
+    a = float(np.exp(-dt / seconds))
+    return np.asarray(signal.lfilter([1.0 - a], [1.0, -a], x, zi=[a * start])[0])
+
+
+def remembered(v: Array, dt: float) -> list[Array]:
+    """Return speed and direction as they are forgotten: a seal that relaxes, a belt that creeps."""
+    return [leaky(x, seconds, dt) for seconds in FORGETTING for x in (v, np.sign(v))]
 
 
 def waves(

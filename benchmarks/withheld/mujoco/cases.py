@@ -209,10 +209,10 @@ def _periodic_friction(rng: np.random.Generator, a: Axis) -> dict[str, Any]:
 
 def _warming(rng: np.random.Generator, a: Axis) -> dict[str, Any]:
     """Friction that falls with the work done, and comes back."""
-    heat, size = [0.0], rng.uniform(0.3, 0.6)
+    heat, size, h = [0.0], rng.uniform(0.3, 0.6), a.dt / STEPS
 
     def force(q: float, v: float, t: float, tau: float) -> float:
-        heat[0] += 1e-4 * (abs(v) / _speed(a) - 0.3 * heat[0])
+        heat[0] += h * (abs(v) / _speed(a) - 0.3 * heat[0])
         return -size * a.force * np.tanh(heat[0]) * np.tanh(v / (0.002 * _speed(a)))
 
     return {"force": force}
@@ -221,9 +221,10 @@ def _warming(rng: np.random.Generator, a: Axis) -> dict[str, Any]:
 def _creep(rng: np.random.Generator, a: Axis) -> dict[str, Any]:
     """A force that relaxes after every move: a seal, a belt."""
     state, rate, size = [0.0], rng.uniform(0.5, 3.0), rng.uniform(0.5, 2.0) * a.force / a.length
+    h = a.dt / STEPS
 
     def force(q: float, v: float, t: float, tau: float) -> float:
-        state[0] += 1e-4 * (v - rate * state[0])
+        state[0] += h * (v - rate * state[0])
         return 10.0 * size * state[0]
 
     return {"force": force}

@@ -22,7 +22,7 @@ SUITES = {
     "none": ("-",),
     "unknown": UNKNOWN,
     "changed": CHANGED,
-    "quiet": (*EFFECTS, "-", *CHANGED),
+    "quiet": (*EFFECTS, "-", *CHANGED, *UNKNOWN),
 }
 
 

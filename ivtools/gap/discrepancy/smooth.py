@@ -18,6 +18,7 @@ from ...linalg.swing import Swing
 from ...loop import Simulation
 from ...workers import threaded
 from ..fit import Fit, normal
+from ..response import leaky, remembered
 from ..rules import (
     ALIKE,
     BUMPS,
@@ -25,7 +26,6 @@ from ..rules import (
     COARSE_KNOTS,
     COOLING,
     FIRST_KNOT,
-    FORGETTING,
     LEAST_KNOTS,
     LOAD_KNOTS,
     MOST_KNOTS,
@@ -146,7 +146,7 @@ class Basis:
     def _use(self, run: Simulation, start: Array) -> list[Array]:
         """Return how much the axis moved of late, per time of `COOLING`, (n_samples,)."""
         v, dt = np.abs(self._speed(run)), float(run.t[1] - run.t[0])
-        return [_leaky(v, seconds, dt, x) for seconds, x in zip(COOLING, start, strict=True)]
+        return [leaky(v, seconds, dt, x) for seconds, x in zip(COOLING, start, strict=True)]
 
     def _speed(self, run: Simulation) -> Array:
         """Return the velocity, of the largest speed, (n_samples,)."""
@@ -214,15 +214,9 @@ def signals(runs: Sequence[Simulation]) -> tuple[list[Array], ...]:
     return [r.q for r in runs], [r.dq for r in runs], [r.tau for r in runs]
 
 
-def _leaky(x: Array, seconds: float, dt: float, start: float = 0.0) -> Array:
-    """Return a signal that is forgotten: a first-order lag, and what it was before."""
-    a = float(np.exp(-dt / seconds))
-    return np.asarray(signal.lfilter([1.0 - a], [1.0, -a], x, zi=[a * start])[0])
-
-
 def _past(v: Array, dt: float) -> Array:
     """Return speed and direction as they are forgotten, and what a motion sets ringing."""
-    found = [_leaky(x, seconds, dt) for seconds in FORGETTING for x in (v, np.sign(v))]
+    found = remembered(v, dt)
     for hz in RINGING:
         p = np.exp((-RINGING_DAMPING + 1j) * 2.0 * np.pi * hz * dt)
         y = signal.lfilter([1.0 - abs(p)], [1.0, -p], v)
