@@ -116,7 +116,6 @@ def features(simulation: Simulation) -> Array:
         *_load(tau, s),
         *_reversal(dq, s, dt),
         *_slow(dq, s),
-        *remembered(dq, dt),
     ]
     return _scaled(columns)
 
@@ -125,6 +124,11 @@ def leaky(x: Array, seconds: float, dt: float, start: float = 0.0) -> Array:
     """Return a signal that is forgotten: a first-order lag, and what it was before."""
     a = float(np.exp(-dt / seconds))
     return np.asarray(signal.lfilter([1.0 - a], [1.0, -a], x, zi=[a * start])[0])
+
+
+def memories(simulation: Simulation) -> Array:
+    """Return the force laws that remember the motion, (n_samples, m), of a simulation."""
+    return _scaled(remembered(simulation.dq[:, 0], float(simulation.t[1] - simulation.t[0])))
 
 
 def remembered(v: Array, dt: float) -> list[Array]:

@@ -22,7 +22,7 @@ from ...record import Record
 from .. import spatial_lines
 from ..fit import Fit
 from ..fold import Fold
-from ..response import Response, features, waves
+from ..response import Response, features, memories, waves
 from ..rules import (
     ANOTHER,
     DEEPEST,
@@ -149,10 +149,9 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
         taken = (columns.shape[1] + fit.J.shape[1] + NOISE_ORDER) / max(int(keep.sum()), 1)
         scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, FREE))  # degrees of freedom
         whitener = whitener / scale
-        if first:  # lines over position would pass for coloured noise
-            columns = np.column_stack(
-                [columns, response(_lines(fold, response, rest, whitener, simulation))]
-            )
+        if first:  # these would pass for coloured noise, and what remembers may pass for an event
+            lines = _lines(fold, response, rest, whitener, simulation)
+            columns = np.hstack([columns, response(np.hstack([lines, memories(simulation)]))])
         rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt))
     white = fir(whitener, rest)
     mask = events(white, keep, dt)
