@@ -11,8 +11,7 @@ from scipy import signal
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap.attribute import selection
-from ivtools.gap.attribute.selection import _outdone
+from ivtools.gap.attribute.kept import names_kept, outdone
 from ivtools.gap.discrepancy import Basis, Columns, Spline
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
@@ -243,22 +242,22 @@ def spline(size, over=("q", "past"), shape=SHAPE):
 
 def test_a_name_falls_where_a_force_without_one_explains_more():
     base, rules, gone = (left(3.0),), Rules(), (spline(0.0), spline(0.0))
-    assert _outdone(base, (left(1.7),), *gone, rules)
-    assert not _outdone(base, (left(0.5),), *gone, rules)  # equivalent
-    assert _outdone(base, (left(0.5),), spline(0.0, ("q",)), spline(0.0), rules)  # one law is
-    assert not _outdone(base, (left(1.7),), spline(0.8), spline(0.0), rules)  # both are there
+    assert outdone(base, (left(1.7),), *gone, rules)
+    assert not outdone(base, (left(0.5),), *gone, rules)  # equivalent
+    assert outdone(base, (left(0.5),), spline(0.0, ("q",)), spline(0.0), rules)  # one law is
+    assert not outdone(base, (left(1.7),), spline(0.8), spline(0.0), rules)  # both are there
     few = np.where(np.arange(2000) < 300, SHAPE, 0.0)  # in six blocks only
-    assert not _outdone((left(3.0, few),), (left(2.0, few),), *gone, rules)
-    assert _outdone((left(9.0, few),), (left(6.0, few),), *gone, rules)  # most of it
+    assert not outdone((left(3.0, few),), (left(2.0, few),), *gone, rules)
+    assert outdone((left(9.0, few),), (left(6.0, few),), *gone, rules)  # most of it
 
 
 def test_a_name_that_spares_a_force_without_one_a_signal_may_fall_a_little_short():
     base, held, three = (left(3.0),), (left(1.7),), ("q", "past", "dq")
     plain = spline(0.0, three)
-    assert _outdone(base, held, plain, spline(0.0, three), Rules())
-    assert not _outdone(base, held, plain, spline(0.5), Rules())
-    assert _outdone(base, held, plain, spline(1.2), Rules())  # more than a little
-    assert _outdone(base, held, spline(0.0), spline(0.5, ("q",)), Rules())  # two are few
+    assert outdone(base, held, plain, spline(0.0, three), Rules())
+    assert not outdone(base, held, plain, spline(0.5), Rules())
+    assert outdone(base, held, plain, spline(1.2), Rules())  # more than a little
+    assert outdone(base, held, spline(0.0), spline(0.5, ("q",)), Rules())  # two are few
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -299,11 +298,11 @@ def test_an_effect_of_time_or_use_falls_where_friction_that_remembers_use_does_b
     base, held = (left(3.0),), (left(0.9),)
     law, both = spline(0.6, (most,)), spline(0.2)
     laws = SimpleNamespace(fitted=lambda f: law if f is base else both, of_use=lambda f: law)
-    monkeypatch.setattr(selection.Laws, "of", lambda fits: laws)
+    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
     trial = SimpleNamespace(term=EFFECTS[effect], unlike=0.9)  # no law of the state could have it
-    assert selection._names_kept([base, held], laws, [(trial,)], Rules()) == (names, names)
+    assert names_kept([base, held], laws, [(trial,)], Rules()) == (names, names)
     timed = trial.term.of_time  # with nothing left there is no law to see it by
-    found = selection._names_kept([base, held], None, [(trial,)], Rules())
+    found = names_kept([base, held], None, [(trial,)], Rules())
     assert found == ((0, 0) if timed else (1, 1))
 
 

@@ -2,6 +2,7 @@
 
 rounds       one more effect is looked for
 evidence     what speaks for its name, and the probability that it is right
+kept         how many names stay beside a force without one
 selection    forward over the rounds, and backward over what a later one made superfluous
 """
 

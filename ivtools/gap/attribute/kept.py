@@ -1,0 +1,167 @@
+"""Kept: which names stay beside a force without a name, which may be any smooth law.
+
+Every smooth law is close to some effect. So such a force describes what is left, after each number
+of names and without any, and held-out data judge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ...workers import threaded
+from ..candidate import Trial
+from ..discrepancy import Laws, Spline, advantage, least_t, nothing
+from ..fit import Fit
+from ..rules import (
+    DISCREPANCY_T,
+    SEVERAL,
+    SPARED,
+    STANDARD_ERRORS,
+    TIE,
+    UNLIKE_SMOOTH,
+    Rules,
+)
+from .evidence import cost
+
+
+class Kept(NamedTuple):
+    """How many names are kept, in their order.
+
+    Attributes
+    ----------
+    most : int
+        That may be given at all.
+    told : int
+        Of these, those that tell more than a force without a name does.
+    """
+
+    most: int
+    told: int
+
+
+def names_kept(
+    models: Sequence[tuple[Fit, ...]],
+    laws: Laws | None,
+    groups: Sequence[Sequence[Trial]],
+    rules: Rules,
+    least: int = 0,
+) -> Kept:
+    """Return how many names are kept, and how many of them tell more than a force without a name.
+
+    Of the numbers of names whose remainder that force predicts as well as the best, within a
+    standard error, the largest is taken that the force without a name does not outdo by itself.
+    Those beyond it need better evidence than the others, and have no name if that force is a law of
+    one signal. The first is none of them if a further sensor in the law has measured it, for that
+    is no guess: `least` is 1 then. What changes with use changes with time as well: an effect of
+    time has no name unless it does better than friction that warms up, nor has one of what such
+    friction describes best.
+
+    Parameters
+    ----------
+    models : sequence of tuple of Fit
+        Without names, with the first one, and so on.
+    laws : Laws, optional
+        Where nothing is left, there is no such force.
+    groups : sequence of sequence of Trial
+        What gets each name, or two at once. One that has what no smooth law could have, or stands
+        beside one, is not outdone by such a law.
+    rules : Rules
+    least : int
+
+    L. Breiman, J. H. Friedman, R. A. Olshen, C. J. Stone, "Classification and Regression Trees",
+    1984, section 3.4.3: the one-standard-error rule.
+    """
+    left = [] if laws is None else threaded(laws.fitted, models)
+
+    def own(group: Sequence[Trial]) -> bool:
+        """Whether one of these effects has what a force without a name has not."""
+        return any(t.unlike > UNLIKE_SMOOTH or t.stands(laws) for t in group)
+
+    def lasts(k: int) -> bool:
+        """Whether what gets the k-th name is none of use, if it may be one."""
+        timed = any(t.term.of_time for t in groups[k])
+        used = timed or (bool(left) and left[k].of_use)
+        return not used or _not_use(models[k], models[k + 1], Laws.of(models[0]))
+
+    most = next((k for k in range(len(groups)) if not lasts(k)), len(groups))
+
+    def better(fewer: Spline, more: Spline) -> bool:
+        """Whether fewer names predict better, and by more than equals differ."""
+        alike = more.cost - fewer.cost <= TIE * (cost(models[0]) - fewer.cost)
+        return not alike and _worth(models[0], fewer, more) < -STANDARD_ERRORS
+
+    def holds(k: int) -> bool:
+        """Whether so many names do."""
+        if not left:
+            return True
+        if any(better(other, left[k]) for other in left[least:k]):
+            return False
+        if least or not outdone(models[0], models[k], left[0], left[k], rules):
+            return True
+        return any(map(own, groups[:k]))
+
+    least = min(least, most)
+    told = next((k for k in range(most, least, -1) if holds(k)), least)
+    if left and left[told].single:  # it is no law that may be like anything
+        most = told
+    return Kept(most, told)
+
+
+def _not_use(before: tuple[Fit, ...], after: tuple[Fit, ...], laws: Laws | None) -> bool:
+    """Whether effects do better than friction that warms up, by a standard error.
+
+    Parameters
+    ----------
+    before, after : tuple of Fit
+        Without and with them, on each fold.
+    laws : Laws, optional
+        Along the motion of a model much like them; without them nothing does better.
+    """
+    if laws is None:
+        return True
+    return advantage(before, laws.of_use(before), nothing(after)) >= STANDARD_ERRORS
+
+
+def _short(base: tuple[Fit, ...], held: tuple[Fit, ...], law: Spline, rules: Rules) -> bool:
+    """Whether names remove less than a force without a name, by more than equals differ.
+
+    One law alone leaves names less room than several, which may describe anything.
+    """
+    margin = rules.equivalence_law if len(law.over) == 1 else rules.equivalence_open
+    return cost(held) - law.cost > margin * (cost(base) - law.cost)
+
+
+def _worth(base: tuple[Fit, ...], plain: Spline, both: Spline) -> float:
+    """Return the block t value by which a force without a name is better with names before it.
+
+    Infinite where they spare it some of the signals that it needs without them, and it is hardly
+    worse: what needs several may be like anything, so it may be a little better and yet not what is
+    there.
+    """
+    most = SPARED * (cost(base) - plain.cost)
+    if len(both.over) < len(plain.over) >= SEVERAL and both.cost - plain.cost <= most:
+        return float("inf")
+    return advantage(base, plain, both)
+
+
+def outdone(
+    base: tuple[Fit, ...], held: tuple[Fit, ...], plain: Spline, both: Spline, rules: Rules
+) -> bool:
+    """Whether a force without a name explains what names do, and significantly more.
+
+    Unless the names have something that it has not: then both are there.
+
+    Parameters
+    ----------
+    base, held : tuple of Fit
+        The model without effects, and with those that are named.
+    plain, both : Spline
+        Of what either leaves.
+    """
+    saved = cost(held) - plain.cost
+    return (
+        _short(base, held, plain, rules)
+        and advantage(base, nothing(held), plain) > least_t(saved / cost(held))
+        and _worth(base, plain, both) < DISCREPANCY_T
+    )
