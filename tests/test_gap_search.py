@@ -497,6 +497,21 @@ def test_a_weak_force_that_acts_for_a_while_stands_out_of_noise_and_noise_alone_
     assert max(spent) < 0.15
 
 
+@pytest.mark.parametrize("freedom", [5, 3])
+@pytest.mark.parametrize("dt", [5e-4, 1e-3, 4e-3])
+def test_noise_with_heavy_tails_is_no_event_and_a_push_in_it_is(dt, freedom):
+    count, false, seen = round(20.0 / dt), 0, 0
+    keep = np.ones(count, dtype=bool)
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        white = rng.standard_t(freedom, size=count) / np.sqrt(freedom / (freedom - 2.0))
+        false += bool((events(white, keep, dt) | lasting(white, keep, dt)).any())
+        start = int(rng.uniform(1.0, 18.0) / dt)
+        white[start : start + round(0.2 / dt)] *= 3.0
+        seen += bool(events(white, keep, dt)[start : start + round(0.2 / dt)].any())
+    assert false <= 2 and seen >= 36
+
+
 @pytest.mark.parametrize("at_end", [True, False])
 def test_windows_beside_one_that_stands_out_do_not_go_round_the_ends_of_a_record(at_end):
     dt, keep = 1e-3, np.ones(25_000, dtype=bool)

@@ -45,6 +45,7 @@ from ..rules import (
     LEAST_WINDOW,
     MOST_PERIODS,
     NOISE_ORDER,
+    OUTLYING,
     PER_COEFFICIENT,
     PERIODIC,
     QUIET,
@@ -229,11 +230,16 @@ def _windows(
     x: Array, keep: Mask, dt: float, seconds: float = WINDOW
 ) -> tuple[Array, NDArray[np.int_], int]:
     """Return the mean of each window, how many samples of it count, and its width."""
+    values, counts = _cut(x, keep, dt, seconds)
+    return values.sum(axis=1) / np.maximum(counts, 1), counts, values.shape[1]
+
+
+def _cut(x: Array, keep: Mask, dt: float, seconds: float) -> tuple[Array, NDArray[np.int_]]:
+    """Return the samples of each window, 0 where they do not count, and how many of them do."""
     width = max(round(seconds / dt), LEAST_WINDOW)
-    count = len(x) // width
-    counts = keep[: count * width].reshape(count, width).sum(axis=1)
-    sums = np.where(keep, x, 0.0)[: count * width].reshape(count, width).sum(axis=1)
-    return sums / np.maximum(counts, 1), counts, width
+    shape = len(x) // width, width
+    used = slice(shape[0] * width)
+    return np.where(keep, x, 0.0)[used].reshape(shape), keep[used].reshape(shape).sum(axis=1)
 
 
 def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
@@ -332,7 +338,7 @@ def _typical(white: Array, keep: Mask, dt: float) -> Mask:
 
 def events(white: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows far above the floor, (n_samples,)."""
-    energy, counts, width = _windows(white**2, keep, dt)
+    energy, counts, width = _energy(white, keep, dt, WINDOW)
     return _around(_deviation(energy, counts >= FULL_EVENT * width) > EVENT, width, keep)
 
 
@@ -342,11 +348,25 @@ def lasting(white: Array, keep: Mask, dt: float) -> Mask:
     A weak force that acts for a while shows in no short window: in a longer one its energy or its
     mean does.
     """
-    energy, counts, width = _windows(white**2, keep, dt, LASTING)
+    energy, counts, width = _energy(white, keep, dt, LASTING)
     full = counts >= FULL_EVENT * width
     means, *_ = _windows(white, keep, dt, LASTING)
     off = np.abs(_deviation(means * np.sqrt(counts), full, 1.0))  # noise has variance 1
     return _around(np.maximum(_deviation(energy, full), off) > LASTING_EVENT, width, keep)
+
+
+def _energy(
+    white: Array, keep: Mask, dt: float, seconds: float
+) -> tuple[Array, NDArray[np.int_], int]:
+    """Return what `_windows` does of the energy, but without the largest samples of each window.
+
+    Noise with heavy tails has a few that are far off; what pushes the axis lasts longer.
+    """
+    values, counts = _cut(white**2, keep, dt, seconds)
+    width = values.shape[1]
+    rest = width - max(round(OUTLYING * width), 1)
+    small = np.partition(values, rest, axis=1)[:, :rest]
+    return small.sum(axis=1) / np.maximum(counts + rest - width, 1), counts, width
 
 
 def _deviation(x: Array, full: Mask, least: float | None = None) -> Array:
