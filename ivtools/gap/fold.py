@@ -360,14 +360,23 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
 
 
 def settling(record: Record) -> int:
-    """Return the samples after the start in which the initial state still shows."""
-    return round((TRANSIENT if record.load is None else LINKED_TRANSIENT) / record.dt)
+    """Return the samples after the start in which the initial state still shows.
+
+    An axis that stands is held by friction somewhere, which shows until it has moved off.
+    """
+    transient = TRANSIENT if record.load is None else LINKED_TRANSIENT
+    return int(np.argmin(_still(record))) + round(transient / record.dt)
+
+
+def _still(record: Record) -> Mask:
+    """Return the samples at which the reference stands, (n_samples,)."""
+    assert record.q_ref is not None
+    speed = np.abs(np.gradient(record.q_ref[:, 0], record.dt))
+    return np.asarray(speed < STANDING * np.max(speed))
 
 
 def _standing(record: Record) -> Mask:
-    assert record.q_ref is not None
-    speed = np.abs(np.gradient(record.q_ref[:, 0], record.dt))
-    still = speed < STANDING * np.max(speed)
+    still = _still(record)
     width = max(round(REST / record.dt), 1)
     run = signal.lfilter(np.ones(width), [1.0], still) > width - 0.5
     return np.asarray(run, dtype=bool)

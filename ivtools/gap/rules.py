@@ -233,7 +233,7 @@ FREQUENCIES, LEAST_LEFT = 512, 0.25
 #: Median absolute deviations beyond which a window is an event (training: 0 of 100 without).
 EVENT = 8.0
 #: Least deviation, of the median, in that comparison (theory: chi-square of a short window).
-EVENT_SPREAD = 0.1
+EVENT_SPREAD = 0.15
 #: Share of a window that noise with heavy tails may reach into (training: with all samples six of
 #: 100 pairs had an event without one; of bursts, none is lost).
 OUTLYING = 0.05

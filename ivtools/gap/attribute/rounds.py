@@ -68,15 +68,16 @@ class Round:
 
     @cached_property
     def best(self) -> Trial | None:
-        """What is named in this round: of equals, which the library lists first."""
+        """What is named in this round: of equals the one with fewest parameters."""
         best = max(self.qualified, key=lambda t: t.gain, default=None)
         if best is None:
             return None
         seen = next((t for t in self.qualified if t.name == self.measured), None)
         if seen is not None and seen.gain >= (1.0 - self.margin) * best.gain:
             return seen
-        equal = {t.name: t for t in self.qualified if _equal(t, best, TIE)}
-        return next((equal[name] for name in EFFECTS if name in equal), best)
+        equal = [t for t in self.qualified if _equal(t, best, TIE)]
+        order = [*EFFECTS, *(t.name for t in equal)]
+        return min(equal, key=lambda t: (len(t.term.parameters), order.index(t.name)))
 
     def rivals(self, rules: Rules, left: float) -> tuple[Trial, ...]:
         """Return what is not distinguishable from the best: the same change, as large.

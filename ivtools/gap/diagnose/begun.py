@@ -17,7 +17,7 @@ from ..attribute import Attribution, attribute, cost, upheld
 from ..candidate import frozen
 from ..diagnosis import Diagnosis
 from ..fit import Fit, common
-from ..floor import Measured, Ready, audible, folds, masked, measure, prepared
+from ..floor import Measured, Ready, audible, beside_silent, folds, masked, measure, prepared
 from ..fold import Fold, Link, Side
 from ..library import library
 from ..parity import Parity
@@ -177,6 +177,9 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
     least = AUDIBLE * fine / 100.0
     measured = tuple(audible(m, least) for m in measured)
+    if len(records) == 2:
+        a, b = measured
+        measured = beside_silent(a, b, least), beside_silent(b, a, least)
     measured = tuple(replace(m, side=replace(m.side, places=task.places)) for m in measured)
     return Begun(task, loop, measured, third, rules, [*found, *law], inspected)
 

@@ -5,7 +5,7 @@ measured    a record with its base model and floor, as it is judged, whole or in
 """
 
 from .floor import Floor, autoregression, between
-from .measured import Measured, Ready, audible, folds, masked, measure, prepared
+from .measured import Measured, Ready, audible, beside_silent, folds, masked, measure, prepared
 
 __all__ = [
     "Floor",
@@ -13,6 +13,7 @@ __all__ = [
     "Ready",
     "audible",
     "autoregression",
+    "beside_silent",
     "between",
     "folds",
     "masked",

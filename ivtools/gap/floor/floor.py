@@ -84,6 +84,8 @@ class Floor:
     event_mask : ndarray of bool, (n_samples,)
     excess : float
         By how much these stretches stand out in the force, in energy, N or N m rms.
+    once : bool
+        Whether another record shows nothing of what makes them: many are events then, too.
     """
 
     whitener: Array
@@ -95,6 +97,7 @@ class Floor:
     event_mask: Mask
     between: float | None = None
     excess: float = 0.0
+    once: bool = False
 
     @property
     def level(self) -> float:
@@ -111,8 +114,8 @@ class Floor:
     @property
     def isolated(self) -> bool:
         """Whether few stretches stand out: events, not a way of the model to be wrong."""
-        share = float(np.mean(self.event_mask))
-        return 0 < len(self.events) <= FEW_EVENTS and share < EVENT_TIME
+        few = self.once or len(self.events) <= FEW_EVENTS
+        return bool(self.events) and few and float(np.mean(self.event_mask)) < EVENT_TIME
 
 
 def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = None) -> Floor:

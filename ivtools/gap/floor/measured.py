@@ -18,7 +18,7 @@ from ..fit import Fit, gauss_newton, start, steps
 from ..fold import Fold, Link, Side, usable
 from ..library import Scales
 from ..parity import Parity
-from ..rules import AGAIN, BEYOND, COMMON, PARITY_POOR, STRETCHES
+from ..rules import ADEQUATE, AGAIN, BEYOND, COMMON, PARITY_POOR, STRETCHES
 from . import floor
 from .floor import Floor
 
@@ -55,6 +55,10 @@ class Measured:
     def force(self) -> float:
         """Force of the drive, N or N m rms."""
         return self.base.fold.force_rms(self.base.loop)
+
+    def beyond(self, fit: Fit) -> float:
+        """Return the force error of a fit beyond the noise, in energy, N or N m rms."""
+        return float(np.sqrt(max(fit.force_rms**2 - self.floor.noise**2, 0.0)))
 
 
 class Ready(NamedTuple):
@@ -128,6 +132,15 @@ def audible(m: Measured, least: float) -> Measured:
         return m
     nothing = np.zeros_like(m.floor.event_mask)
     return replace(m, floor=replace(m.floor, events=(), event_mask=nothing))
+
+
+def beside_silent(m: Measured, other: Measured, least: float) -> Measured:
+    """Return a record that knows whether the other one shows nothing that its model lacks.
+
+    Nothing but noise, or less than a share of the force.
+    """
+    silent = other.base.cost < ADEQUATE or other.beyond(other.base) < least * other.force
+    return replace(m, floor=replace(m.floor, once=silent and not other.floor.events))
 
 
 def masked(m: Measured) -> Measured:

@@ -6,6 +6,7 @@ and with what it looks like: a unit, another control law, another axis.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -142,20 +143,21 @@ def _length(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     samples = int(usable(record, loop).sum())
     kept, whole = samples * record.dt, record.n_samples * record.dt
     if kept < LEAST_TIME:
+        less = math.floor(10.0 * kept) / 10.0
         return [
             Finding(
-                f"only {kept:.1f} s of the record's {whole:.1f} s show motion that can be "
-                f"compared; give at least {LEAST_TIME:g} s, better 20 s, with several reversals"
+                f"only {less:.1f} s of the record's {whole:.1f} s show motion to compare; "
+                f"give at least {LEAST_TIME:g} s, better 20 s, with several reversals"
             )
         ]
     if samples >= LEAST_SAMPLES:
         return []
-    needed = LEAST_SAMPLES * record.dt * whole / kept
+    needed = math.ceil(LEAST_SAMPLES * record.dt * whole / kept)
     return [
         Finding(
             f"only {samples} samples show motion that can be compared, and the noise needs "
-            f"{LEAST_SAMPLES} to be known: at {record.sampling_hz:.4g} Hz record {needed:.0f} s or "
-            "more, or sample faster"
+            f"{LEAST_SAMPLES} to be known: at {record.sampling_hz:.4g} Hz record {needed} s or "
+            "more of such motion, or sample faster"
         )
     ]
 

@@ -162,21 +162,25 @@ def decide(
         return "explained" if small or shrink.closed >= EXPLAINED else "partial"
     few = min(m.fold.n_kept for m in measured)
     allowed = ADEQUATE + (SHORT / few) ** 2
-    each = [h.cost for h in result.held]
-    left = float(np.mean(each))
-    if changed or (repeats < REPEATS and any(_comes_and_goes(m, each, allowed) for m in measured)):
+    left = cost(result.held)
+    unseen = UNSEEN * tolerance
+    pairs = list(zip(result.held, (*measured, measured[0]), strict=False))
+    slight = any(100.0 * m.beyond(h) < unseen * m.force for h, m in pairs)
+    silent = slight or min(h.cost for h in result.held) <= allowed
+    once = any(_comes_and_goes(m, left, allowed, silent) for m in measured)
+    if changed or (once and (repeats < REPEATS or slight)):
         return "non-repeatable"
     between = measured[-1].floor.between
     above = between is not None and shrink.after > OVER_FLOOR * between and not small
     above = above or repeats >= REPEATS
     errors = [(shrink.after_frozen, shrink.force), *((m.base.force_rms, m.force) for m in measured)]
-    unseen = all(e < 0.01 * tolerance * force for e, force in errors)  # floor and all
-    if (unseen and shrink.slight(UNSEEN * tolerance)) or (left <= allowed and not above):
+    faint = all(e < 0.01 * tolerance * force for e, force in errors)  # floor and all
+    if (faint and shrink.slight(unseen)) or (left <= allowed and not above):
         return "adequate"
     return "non-repeatable" if _moved(result) else "unexplained"
 
 
-def _comes_and_goes(m: Measured, left: Sequence[float], allowed: float) -> bool:
+def _comes_and_goes(m: Measured, left: float, allowed: float, one_silent: bool) -> bool:
     """Whether stretches of a record stand out, and come and go.
 
     If they do, one record at least shows nothing else that the model lacks. Where both do, a law of
@@ -187,14 +191,16 @@ def _comes_and_goes(m: Measured, left: Sequence[float], allowed: float) -> bool:
     Parameters
     ----------
     m : Measured
-    left : sequence of float
-        Whitened energy of each record without those stretches.
+    left : float
+        Whitened energy without those stretches, mean of the records.
     allowed : float
         Energy of a model that is adequate.
+    one_silent : bool
+        Whether one of the records shows nothing without them.
     """
     if m.fold.link is None:
-        return m.floor.isolated and min(left) <= allowed
-    return m.floor.isolated and float(np.mean(left)) <= allowed < m.base.cost
+        return m.floor.isolated and one_silent
+    return m.floor.isolated and left <= allowed < m.base.cost
 
 
 def lowers(shrink: Shrink, simulated: bool, removed: float) -> bool:
