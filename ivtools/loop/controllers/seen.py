@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 FEEDFORWARDS = ("velocity", "acceleration", "coulomb", "gravity", "gravity_cos")
-_REST = 1e-6  # of the largest velocity: below it a reference stands
+_REST = 1e-9  # of the largest velocity: below it a reference stands
 
 
 @dataclass(frozen=True, eq=False)
