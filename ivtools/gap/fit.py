@@ -395,7 +395,7 @@ class Inverse:
     @classmethod
     def of(cls, fold: Fold, loop: ClosedLoop) -> Inverse:
         """Return that of a fold's record."""
-        return cls(Problem(fold.record, loop, loop.pipeline(fold.record, "report")))
+        return cls(Problem(fold.record, loop, loop.pipeline(fold.record, "record")))
 
     def values(
         self, term: Term | None = None, point: Mapping[str, float] | None = None

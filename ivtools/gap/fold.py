@@ -360,12 +360,8 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
 
 
 def settling(record: Record) -> int:
-    """Return the samples after the start in which the initial state still shows.
-
-    An axis that stands is held by friction somewhere, which shows until it has moved off.
-    """
-    transient = TRANSIENT if record.load is None else LINKED_TRANSIENT
-    return int(np.argmin(_still(record))) + round(transient / record.dt)
+    """Return the samples after a start in which the initial state still shows."""
+    return round((TRANSIENT if record.load is None else LINKED_TRANSIENT) / record.dt)
 
 
 def _still(record: Record) -> Mask:

@@ -99,6 +99,9 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
     found: dict[str, list[Score]] = {}
     for d in _beside(list(filter(None, tried)), side.fold, basis):
         found.setdefault(d.term.name, []).append(_score(d, e, fold))
+    for term in terms:
+        if term.search == "valleys" and term.name not in found:  # every glance has strayed
+            found[term.name] = [_unseen(term, fold)]
     return {name: _best(scores) for name, scores in found.items()}
 
 
@@ -205,6 +208,12 @@ def _score(d: _Direction, e: Array, fold: Fold) -> Score:
     rest = e - explained
     scores = fold.block_sums(explained * rest)
     return Score(d.term, gain, [start], scores)
+
+
+def _unseen(term: Term, fold: Fold) -> Score:
+    """Return the score of an effect of which the screening sees nothing."""
+    start = {p.name: p.neutral for p in term.parameters}
+    return Score(term, 0.0, [start], fold.block_sums(np.zeros(fold.n_kept)))
 
 
 def _within(term: Term, values: Mapping[str, float]) -> bool:
