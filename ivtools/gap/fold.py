@@ -27,6 +27,7 @@ from .rules import (
     DIVERGED,
     LEAST_BLOCK,
     LINKED_TRANSIENT,
+    MOVED_OFF,
     NEAR_LIMIT,
     REST,
     STANDING,
@@ -349,10 +350,11 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
     """Return the samples at which command and simulation can be compared, (n_samples,).
 
     Left out: the transient of the initial state, the command at its limit, and standstill, where
-    the axis is stuck wherever friction caught it and the command says little about the model.
+    the axis is stuck wherever friction caught it and the command says little about the model. What
+    stands at first shows its initial state until it has moved off.
     """
     keep = np.ones(record.n_samples, dtype=bool)
-    keep[: settling(record)] = False
+    keep[: _moved_off(record) + settling(record)] = False
     own = loop.command(record)[:, 0]
     own = own - record.added[:, 0] if record.added is not None else own
     keep &= ~near(np.abs(own) >= AT_LIMIT * loop.controller.limit, round(NEAR_LIMIT / record.dt))
@@ -362,6 +364,12 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
 def settling(record: Record) -> int:
     """Return the samples after a start in which the initial state still shows."""
     return round((TRANSIENT if record.load is None else LINKED_TRANSIENT) / record.dt)
+
+
+def _moved_off(record: Record) -> int:
+    """Return the samples before the axis first leaves where it stands."""
+    away = np.abs(record.q[:, 0] - record.q[0, 0])
+    return int(np.argmax(away > MOVED_OFF * np.max(away)))
 
 
 def _still(record: Record) -> Mask:

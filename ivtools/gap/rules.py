@@ -145,6 +145,9 @@ TRANSIENT = 0.15
 #: The same where a load is known: the links are not where they would be (training: a jerk at the
 #: start throws them across their gaps).
 LINKED_TRANSIENT = 0.3
+#: Share of the stroke beyond which an axis has left the place where it stood (physics: a brushless
+#: motor is stuck in a well of its cogging for 0.3 s, and moves by a thousandth there).
+MOVED_OFF = 2e-3
 #: Seconds of standing reference after which the axis may be stuck anywhere (physics).
 REST = 0.1
 #: Speed, of the largest, below which a reference stands (numerics).
