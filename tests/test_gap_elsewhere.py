@@ -126,6 +126,74 @@ def test_a_force_that_remembers_the_motion_is_no_noise(law, seconds):
     assert gap.verdict != "adequate" and gap.effects == ()
 
 
+@pytest.mark.parametrize("hz", [7.0, 12.0, 75.0])
+def test_a_second_mass_is_found_below_and_above_the_usual(hz):
+    one, two = pair("flexibility", frequency_hz=hz, damping=0.03, load_share=0.3)
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert gap.effects == ("flexibility",)
+    assert gap.parameters["flexibility"]["frequency_hz"] == pytest.approx(hz, rel=0.05)
+
+
+@pytest.mark.parametrize("share", [0.6, 0.8])
+def test_a_limit_that_is_rarely_reached_is_found_beside_standstill(share):
+    """Most of such a record says nothing of the limit, and the inverse model nothing of rest."""
+    loop = iv.axes.emps()
+    plain = moves.record(loop, loop.values(BASE), SECONDS, 1)
+    limit = share * float(np.max(np.abs(loop.force(plain))))
+    one, two = pair("inner-saturation", force=limit)
+    gap = iv.diagnose(one, loop, two)
+    assert gap.effects == ("inner-saturation",)
+    assert gap.parameters["inner-saturation"]["force"] == pytest.approx(limit, rel=0.03)
+
+
+# -- what comes from outside -----------------------------------------------------------------------
+@pytest.mark.parametrize("count", [3, 9])
+@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("size", [6.0, 60.0])
+def test_pushes_in_one_record_are_said_however_many_and_strong(count, which, size):
+    loop, width = iv.axes.emps(), round(0.15 / moves.DT)
+    starts = np.linspace(1.0, SECONDS - 1.0, count)
+
+    def pushes(v):
+        force = np.zeros(len(v))
+        for start in starts:
+            force[round(start / moves.DT) :][:width] = size
+        return force
+
+    records = [
+        moves.record(
+            loop, loop.values(BASE), SECONDS, seed, unknown=pushes if seed == which else None
+        )
+        for seed in (0, 1)
+    ]
+    gap = iv.diagnose(records[0], loop, records[1])
+    assert gap.verdict == "non-repeatable" and gap.effects == () and gap.changed == {}
+    (advice,) = (line for line in gap.advice if "stands out" in line)
+    assert advice.startswith(records[which].name)
+    hit = [any(a - 0.2 < s < b for a, b in gap.floors[which].events) for s in starts]
+    assert all(hit) and gap.floors[1 - which].events == ()
+
+
+def test_what_an_axis_does_until_it_has_moved_off_is_no_event(monkeypatch):
+    """It stood wherever friction had caught it, which the record does not show."""
+    loop = iv.axes.emps()
+    monkeypatch.setattr(moves, "FORCE_NOISE", 0.1)
+
+    def record(seed):
+        rng = np.random.default_rng(seed)
+        q_ref = moves.reference(rng, SECONDS)
+        turn = 2000 + int(np.argmin(np.abs(np.gradient(q_ref[2000:6000]))))
+        q_ref = np.insert(q_ref, turn, np.full(800, q_ref[turn]))
+        t = np.arange(len(q_ref)) * moves.DT
+        noise = rng.normal(0.0, moves.FORCE_NOISE, len(t))
+        asked = Record(t, q_ref, q_ref=q_ref, nu=q_ref)
+        ran = loop.simulate(asked, loop.values(BASE), initial="rest", force_noise=noise)
+        return Record(t, ran.q, q_ref=q_ref, nu=ran.nu).slice(turn + 400, len(t))
+
+    gap = iv.diagnose(record(21), loop, record(22))
+    assert gap.verdict == "adequate" and all(f.events == () for f in gap.floors)
+
+
 # -- what is said to be one ------------------------------------------------------------------------
 def hinge(arc, noise, seed):
     """Return a record of a hinge with an eccentric mass, over an arc of so many radians."""

@@ -176,7 +176,7 @@ def test_a_law_of_the_speed_that_the_library_lacks_is_not_called_two_of_them():
 
 def test_a_second_effect_is_looked_for_at_the_floor_too():
     """The floor, learnt without either, has some of it: what the first one leaves is below 1."""
-    case = draw(Task("two", 6102, ("presliding", "spring")))
+    case = draw(Task("two", 6107, ("presliding", "spring")))
     one, two = (iv.Record.from_dict(r) for r in case.records)
     gap = iv.diagnose(one, from_tables(case.axis.tables()), two)
     assert set(gap.effects) == {"presliding", "spring"}
@@ -188,7 +188,7 @@ def test_at_the_floor_a_name_is_as_large_on_both_records(monkeypatch):
     asked = []
     passes = Trial.passes
     monkeypatch.setattr(Trial, "passes", lambda trial, r: asked.append(r) or passes(trial, r))
-    case = draw(Task("two", 6102, ("presliding", "spring")))
+    case = draw(Task("two", 6107, ("presliding", "spring")))
     one, two = (iv.Record.from_dict(r) for r in case.records)
     assert len(iv.diagnose(one, from_tables(case.axis.tables()), two).effects) == 2
     agreed = {r.threshold(EFFECTS["backlash"]).agreement for r in asked}

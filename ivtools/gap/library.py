@@ -103,13 +103,13 @@ class Box:
     grids: Mapping[str, list[float]]
 
     @classmethod
-    def of(cls, term: Term, scales: Scales) -> list[Box]:
+    def of(cls, term: Term, scales: Scales, wide: bool = False) -> list[Box]:
         """Return the boxes of an effect: where zero is one of several values, one for it alone.
 
         A load without friction moves otherwise than one with very little, and a search that has to
         hit it by chance ends in the valleys of the others.
         """
-        grids = _grids(term, scales)
+        grids = _grids(term, scales, wide)
         absent = {n: [0.0] for n, g in grids.items() if len(g) > 2 and min(g) == 0.0}
         present = {n: [x for x in grids[n] if x > 0.0] for n in absent}
         return [cls(term, {**grids, **part}) for part in ([absent, present] if absent else [{}])]
@@ -179,11 +179,11 @@ def alternatives(term: Term, scales: Scales) -> list[dict[str, float]]:
     return [{**neutral, name: grid[0]} for name, grid in grids.items()]
 
 
-def _grids(term: Term, scales: Scales) -> dict[str, list[float]]:
+def _grids(term: Term, scales: Scales, wide: bool = False) -> dict[str, list[float]]:
     known = LINKED if scales.record.load is not None else BEHIND if scales.second_body else {}
     own = known.get(term.name, {})
     return {
-        p.name: [x * scales.sizes[p.scale] for x in own.get(p.name, p.scan)]
+        p.name: [x * scales.sizes[p.scale] for x in own.get(p.name, (wide and p.wide) or p.scan)]
         for p in term.parameters
         if not p.linear
     }

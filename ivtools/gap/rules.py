@@ -257,6 +257,8 @@ LEAST_PAIRS = 100
 SAME_MOTION = 1e-9
 #: Stretches, and share of a record, that an outside force may take (training).
 FEW_EVENTS, EVENT_TIME = 5, 0.25
+#: Share that it may take where the other record shows nothing (judgement: half of it is left).
+EVENTS_ONCE = 0.5
 
 # --- library: where a search begins -----------------------------------------------------------
 

@@ -140,7 +140,9 @@ def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[d
     if term.search == "either":
         return alternatives(term, scales)
     if term.search == "valleys":  # a glance: the search waits until the effect is in question
-        return [point for box in Box.of(term, scales) for point in box.points(GLANCE)]
+        wide = any(p.wide for p in term.parameters)
+        boxes = [*Box.of(term, scales), *(Box.of(term, scales, wide=True) if wide else ())]
+        return [point for box in boxes for point in box.points(GLANCE)]
     return scans(term, scales)
 
 

@@ -62,6 +62,8 @@ class Parameter:
         the parameter, which needs none.
     nuisance : bool
         Whether a record says next to nothing about it: it stays where a search began.
+    wide : tuple of float
+        The same where a large gap is left that those do not explain; empty if they are all.
     least, most : float
         Smallest and largest value, in multiples of `scale`, at which the effect still is what its
         name says.
@@ -77,6 +79,7 @@ class Parameter:
     neutral: float = 0.0
     scale: str = "force"
     scan: tuple[float, ...] = ()
+    wide: tuple[float, ...] = ()
     nuisance: bool = False
     least: float = -inf
     most: float = inf

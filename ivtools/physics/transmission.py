@@ -92,7 +92,8 @@ FLEXIBILITY = Term(
             lower=0.2,
             neutral=50.0,
             scale="one",
-            scan=(6.0, 25.0, 80.0),
+            scan=(25.0, 40.0, 65.0),
+            wide=(6.0, 80.0),
         ),
         Parameter(
             "damping",

@@ -77,7 +77,7 @@ class Round:
             return seen
         equal = [t for t in self.qualified if _equal(t, best, TIE)]
         order = [*EFFECTS, *(t.name for t in equal)]
-        return min(equal, key=lambda t: (len(t.term.parameters), order.index(t.name)))
+        return min(equal, key=lambda t: (len(t.term.parameters), order.index(t.name)), default=best)
 
     def rivals(self, rules: Rules, left: float) -> tuple[Trial, ...]:
         """Return what is not distinguishable from the best: the same change, as large.

@@ -16,6 +16,7 @@ from ..fit import Fit, heavy_enough
 from ..fold import Fold, Side, settling
 from ..library import Box, alternatives
 from ..rules import (
+    ADEQUATE,
     CROWD,
     DELIVERED_POINTS,
     FIRST_CROWD,
@@ -23,6 +24,7 @@ from ..rules import (
     HOPELESS,
     LARGE,
     LEAST_CROWD,
+    MOST,
     MUTATION,
     RECOMBINATION,
     SECOND_CROWD,
@@ -109,10 +111,14 @@ def _deepest(
         return [known]
     boxes: list[tuple[Box, dict[bytes, float]]] = [(b, {}) for b in Box.of(term, sides[0].scales)]
     found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), seen) for b, seen in boxes]
-    if left > LARGE and min(found, key=_cheapest)[0] > VALLEY_DEPTH * plain:
+    least = min(found, key=_cheapest)[0]
+    if left > LARGE and least > VALLEY_DEPTH * plain:
         # a valley may lie between few points, and they in a shallow one
-        wider = [b for b in boxes if _power(b[0], SECOND_CROWD) > _power(b[0], FIRST_CROWD)]
-        found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), seen) for b, seen in wider]
+        denser = [b for b in boxes if _power(b[0], SECOND_CROWD) > _power(b[0], FIRST_CROWD)]
+        found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), seen) for b, seen in denser]
+    if left > ADEQUATE and least > MOST * plain and any(p.wide for p in term.parameters):
+        wider = Box.of(term, sides[0].scales, wide=True)
+        found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), {}) for b in wider]
     cost, best = min(found, key=_cheapest)
     if cost > HOPELESS * plain:
         _NOTHING.setdefault(fits[0].common, {})[term.name] = left

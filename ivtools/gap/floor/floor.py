@@ -30,6 +30,7 @@ from ..rules import (
     EVENT,
     EVENT_SPREAD,
     EVENT_TIME,
+    EVENTS_ONCE,
     FEW_EVENTS,
     FREE,
     FREQUENCIES,
@@ -115,7 +116,8 @@ class Floor:
     def isolated(self) -> bool:
         """Whether few stretches stand out: events, not a way of the model to be wrong."""
         few = self.once or len(self.events) <= FEW_EVENTS
-        return bool(self.events) and few and float(np.mean(self.event_mask)) < EVENT_TIME
+        most = EVENTS_ONCE if self.once else EVENT_TIME
+        return bool(self.events) and few and float(np.mean(self.event_mask)) < most
 
 
 def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = None) -> Floor:

@@ -143,10 +143,9 @@ def _length(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     samples = int(usable(record, loop).sum())
     kept, whole = samples * record.dt, record.n_samples * record.dt
     if kept < LEAST_TIME:
-        less = math.floor(10.0 * kept) / 10.0
         return [
             Finding(
-                f"only {less:.1f} s of the record's {whole:.1f} s show motion to compare; "
+                f"only {kept:.3g} s of the record's {whole:.1f} s show motion to compare; "
                 f"give at least {LEAST_TIME:g} s, better 20 s, with several reversals"
             )
         ]
@@ -155,7 +154,7 @@ def _length(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     needed = math.ceil(LEAST_SAMPLES * record.dt * whole / kept)
     return [
         Finding(
-            f"only {samples} samples show motion that can be compared, and the noise needs "
+            f"only {samples} samples show motion to compare, and the noise needs "
             f"{LEAST_SAMPLES} to be known: at {record.sampling_hz:.4g} Hz record {needed} s or "
             "more of such motion, or sample faster"
         )
