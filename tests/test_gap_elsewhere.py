@@ -9,7 +9,9 @@ import ivtools as iv
 from benchmarks import moves
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
+from ivtools.gap.fold import usable
 from ivtools.gap.response import leaky
+from ivtools.gap.rules import TRANSIENT
 from ivtools.loop import Controller
 from ivtools.loop.axis_file import from_tables
 from ivtools.record import Record
@@ -174,24 +176,17 @@ def test_pushes_in_one_record_are_said_however_many_and_strong(count, which, siz
     assert all(hit) and gap.floors[1 - which].events == ()
 
 
-def test_what_an_axis_does_until_it_has_moved_off_is_no_event(monkeypatch):
+@pytest.mark.parametrize(("joint", "stroke"), [("prismatic", 1e-3), ("revolute", 300.0)])
+@pytest.mark.parametrize("hz", [200.0, 4000.0])
+def test_an_axis_is_compared_once_it_has_moved_off(hz, joint, stroke):
     """It stood wherever friction had caught it, which the record does not show."""
-    loop = iv.axes.emps()
-    monkeypatch.setattr(moves, "FORCE_NOISE", 0.1)
-
-    def record(seed):
-        rng = np.random.default_rng(seed)
-        q_ref = moves.reference(rng, SECONDS)
-        turn = 2000 + int(np.argmin(np.abs(np.gradient(q_ref[2000:6000]))))
-        q_ref = np.insert(q_ref, turn, np.full(800, q_ref[turn]))
-        t = np.arange(len(q_ref)) * moves.DT
-        noise = rng.normal(0.0, moves.FORCE_NOISE, len(t))
-        asked = Record(t, q_ref, q_ref=q_ref, nu=q_ref)
-        ran = loop.simulate(asked, loop.values(BASE), initial="rest", force_noise=noise)
-        return Record(t, ran.q, q_ref=q_ref, nu=ran.nu).slice(turn + 400, len(t))
-
-    gap = iv.diagnose(record(21), loop, record(22))
-    assert gap.verdict == "adequate" and all(f.events == () for f in gap.floors)
+    t = np.arange(0.0, 8.0, 1.0 / hz)
+    noise = 1e-5 * stroke * np.random.default_rng(3).normal(size=len(t))
+    asked, done = (stroke * np.sin(0.9 * np.clip(t - start, 0.0, None)) for start in (0.4, 0.7))
+    law = Controller("cascade-pd", {"kp": 30.0, "kv": 0.8})
+    loop = iv.ClosedLoop(law, 1.0, ("inertia", "viscous", "coulomb", "offset"), joint=joint)
+    record = Record(t, done + noise, q_ref=asked, nu=np.gradient(asked))
+    assert t[np.argmax(usable(record, loop))] == pytest.approx(0.7 + TRANSIENT, abs=0.02)
 
 
 # -- what is said to be one ------------------------------------------------------------------------
