@@ -372,15 +372,10 @@ def _moved_off(record: Record) -> int:
     return int(np.argmax(away > MOVED_OFF * np.max(away)))
 
 
-def _still(record: Record) -> Mask:
-    """Return the samples at which the reference stands, (n_samples,)."""
+def _standing(record: Record) -> Mask:
     assert record.q_ref is not None
     speed = np.abs(np.gradient(record.q_ref[:, 0], record.dt))
-    return np.asarray(speed < STANDING * np.max(speed))
-
-
-def _standing(record: Record) -> Mask:
-    still = _still(record)
+    still = speed < STANDING * np.max(speed)
     width = max(round(REST / record.dt), 1)
     run = signal.lfilter(np.ones(width), [1.0], still) > width - 0.5
     return np.asarray(run, dtype=bool)
