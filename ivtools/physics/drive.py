@@ -53,7 +53,17 @@ DEAD_ZONE = Term(
 INNER_SATURATION = Term(
     "inner-saturation",
     "drive",
-    (Parameter("force", "{F}", lower=0.0, neutral=1e300, scale="peak", scan=(0.95, 0.005)),),
+    (
+        Parameter(
+            "force",
+            "{F}",
+            lower=0.0,
+            neutral=1e300,
+            scale="peak",
+            scan=(0.95, 0.005),
+            most=1.0,  # what is never asked for is no limit
+        ),
+    ),
     "clip(tau, -L, L), behind the recorded command",
     "current limit of the drive",
     law=lambda q, dq, ddq, sign, tau, t, limit: tau - np.minimum(np.maximum(tau, -limit), limit),

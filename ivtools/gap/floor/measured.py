@@ -18,7 +18,7 @@ from ..fit import Fit, gauss_newton, start, steps
 from ..fold import Fold, Link, Side, usable
 from ..library import Scales
 from ..parity import Parity
-from ..rules import ADEQUATE, AGAIN, BEYOND, COMMON, PARITY_POOR, STRETCHES
+from ..rules import ADEQUATE, AGAIN, BEYOND, COMMON, MOST, PARITY_POOR, STRETCHES
 from . import floor
 from .floor import Floor
 
@@ -137,10 +137,13 @@ def audible(m: Measured, least: float) -> Measured:
 def beside_silent(m: Measured, other: Measured, least: float) -> Measured:
     """Return a record that knows whether the other one shows nothing that its model lacks.
 
-    Nothing but noise, or less than a share of the force.
+    Nothing but noise, or less than a share of the force, where it has been as well.
     """
     silent = other.base.cost < ADEQUATE or other.beyond(other.base) < least * other.force
-    return replace(m, floor=replace(m.floor, once=silent and not other.floor.events))
+    if not silent or other.floor.events or not m.floor.event_mask.any():
+        return m
+    there = float(np.mean(_seen(m, other)[m.floor.event_mask]))
+    return replace(m, floor=replace(m.floor, once=there > MOST))
 
 
 def masked(m: Measured) -> Measured:
@@ -155,15 +158,21 @@ def masked(m: Measured) -> Measured:
 
 def beside(m: Measured, other: Measured) -> Measured:
     """Return a record that knows where the other one has been, and which times it has seen."""
+    inside = _seen(m, other)
+    if not COMMON < float(np.mean(inside[m.fold.keep])) < 1.0:
+        return m
+    fold = replace(m.fold, both=inside)
+    return replace(m, side=replace(m.side, fold=fold), base=replace(m.base, fold=fold))
+
+
+def _seen(m: Measured, other: Measured) -> NDArray[np.bool_]:
+    """Return the samples of a record at positions and times of the other one, (n_samples,)."""
     inside = np.ones(m.fold.record.n_samples, dtype=bool)
     for signal in (lambda r: r.q[:, 0], lambda r: r.t - r.t[0]):
         here, seen = (signal(x.fold.record) for x in (m, other))
         margin = BEYOND * float(np.ptp(seen))
         inside &= (here >= np.min(seen) - margin) & (here <= np.max(seen) + margin)
-    if not COMMON < float(np.mean(inside[m.fold.keep])) < 1.0:
-        return m
-    fold = replace(m.fold, both=inside)
-    return replace(m, side=replace(m.side, fold=fold), base=replace(m.base, fold=fold))
+    return inside
 
 
 def folds(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit, ...]]:
