@@ -108,23 +108,27 @@ def test_an_effect_that_one_motion_hides_is_told_by_the_other():
     assert any("the motion of slow does not show it" in f.text for f in gap.findings)
 
 
-@pytest.mark.parametrize("law", [lambda v: v / 0.08, np.sign], ids=["creep", "relaxing"])
-@pytest.mark.parametrize("seconds", [0.2, 0.6, 2.0, 5.0])
-def test_a_force_that_remembers_the_motion_is_no_noise(law, seconds):
-    """A seal or a belt that relaxes had been learnt as coloured noise, and its gap was adequate."""
+def beside_a_force(unknown):
+    """Return the diagnosis of a rigid axis with a further force, N, of its speed."""
     loop = iv.axes.emps()
+    records = [
+        moves.record(loop, loop.values(BASE), SECONDS, seed, unknown=unknown) for seed in (1, 2)
+    ]
+    return iv.diagnose(records[0], loop, records[1])
 
-    def diagnosis(size):
-        def force(v):
-            return size * leaky(law(v), seconds, moves.DT)
 
-        one, two = (
-            moves.record(loop, loop.values(BASE), SECONDS, seed, unknown=force) for seed in (1, 2)
-        )
-        return iv.diagnose(one, loop, two)
+@pytest.fixture(scope="module")
+def noise():
+    """Return the noise of an axis without a further force, N."""
+    return beside_a_force(None).floors[0].noise
 
-    plain, gap = diagnosis(0.0), diagnosis(15.0)
-    assert gap.floors[0].noise < 1.5 * plain.floors[0].noise
+
+@pytest.mark.parametrize("law", [lambda v: v / 0.08, np.sign], ids=["creep", "relaxing"])
+@pytest.mark.parametrize("seconds", [0.2, 0.6, 2.0])
+def test_a_force_that_remembers_the_motion_is_no_noise(law, seconds, noise):
+    """A seal or a belt that relaxes had been learnt as coloured noise, and its gap was adequate."""
+    gap = beside_a_force(lambda v: 15.0 * leaky(law(v), seconds, moves.DT))
+    assert gap.floors[0].noise < 1.5 * noise
     assert gap.verdict != "adequate" and gap.effects == ()
 
 
@@ -149,9 +153,8 @@ def test_a_limit_that_is_rarely_reached_is_found_beside_standstill(share):
 
 
 # -- what comes from outside -----------------------------------------------------------------------
-@pytest.mark.parametrize("count", [3, 9])
+@pytest.mark.parametrize(("count", "size"), [(3, 6.0), (9, 60.0)])
 @pytest.mark.parametrize("which", [0, 1])
-@pytest.mark.parametrize("size", [6.0, 60.0])
 def test_pushes_in_one_record_are_said_however_many_and_strong(count, which, size):
     loop, width = iv.axes.emps(), round(0.15 / moves.DT)
     starts = np.linspace(1.0, SECONDS - 1.0, count)

@@ -13,7 +13,9 @@ from ..rules import (
     ENOUGH,
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
+    LITTLE,
     MOST_DISAGREEMENT,
+    NEARLY,
     NO_RIVAL,
     OUTDONE,
     SURE_APART,
@@ -77,8 +79,12 @@ class Evidence:
 
     @property
     def outdone(self) -> bool:
-        """Whether an effect that cannot be named removes more, and much of the gap is left."""
-        return self.rival > OUTDONE and self.explained < ENOUGH
+        """Whether an effect that cannot be named removes more, and much of the gap is left.
+
+        Nearly as much is enough where all names explain little: what is there may be like both.
+        """
+        most = OUTDONE if self.explained >= LITTLE else NEARLY
+        return self.rival > most and self.explained < ENOUGH
 
     @property
     def unrivalled(self) -> bool:

@@ -28,6 +28,7 @@ from ..rules import (
     DISCREPANCY_T,
     ENOUGH,
     LIKELY,
+    LITTLE,
     MORE,
     MOST,
     PAIR_ROUNDS,
@@ -434,7 +435,7 @@ def _proof(
     What does not stand beside a force without a name is no rival of what does.
     """
     found = evidence(trial, others, base, held)
-    if probability(found) >= LIKELY:
+    if probability(found) >= LIKELY or (found.outdone and found.explained < LITTLE):
         return found
     laws = Laws.of(common(base))
     if not trial.stands(laws):
