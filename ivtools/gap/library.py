@@ -103,13 +103,22 @@ class Box:
     grids: Mapping[str, list[float]]
 
     @classmethod
-    def of(cls, term: Term, scales: Scales, wide: bool = False) -> list[Box]:
+    def of(cls, term: Term, scales: Scales) -> list[Box]:
         """Return the boxes of an effect: where zero is one of several values, one for it alone.
 
         A load without friction moves otherwise than one with very little, and a search that has to
         hit it by chance ends in the valleys of the others.
         """
-        grids = _grids(term, scales, wide)
+        return cls._of(term, _grids(term, scales))
+
+    @classmethod
+    def wider(cls, term: Term, scales: Scales) -> list[Box]:
+        """Return the boxes that reach further, for a gap that is left; none if none does."""
+        usual, wide = _grids(term, scales), _grids(term, scales, wide=True)
+        return [] if wide == usual else cls._of(term, wide)
+
+    @classmethod
+    def _of(cls, term: Term, grids: dict[str, list[float]]) -> list[Box]:
         absent = {n: [0.0] for n, g in grids.items() if len(g) > 2 and min(g) == 0.0}
         present = {n: [x for x in grids[n] if x > 0.0] for n in absent}
         return [cls(term, {**grids, **part}) for part in ([absent, present] if absent else [{}])]

@@ -140,8 +140,7 @@ def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[d
     if term.search == "either":
         return alternatives(term, scales)
     if term.search == "valleys":  # a glance: the search waits until the effect is in question
-        wide = any(p.wide for p in term.parameters)
-        boxes = [*Box.of(term, scales), *(Box.of(term, scales, wide=True) if wide else ())]
+        boxes = [*Box.of(term, scales), *Box.wider(term, scales)]
         return [point for box in boxes for point in box.points(GLANCE)]
     return scans(term, scales)
 

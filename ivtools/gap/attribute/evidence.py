@@ -83,8 +83,13 @@ class Evidence:
 
         Nearly as much is enough where all names explain little: what is there may be like both.
         """
-        most = OUTDONE if self.explained >= LITTLE else NEARLY
+        most = NEARLY if self.little else OUTDONE
         return self.rival > most and self.explained < ENOUGH
+
+    @property
+    def little(self) -> bool:
+        """Whether all names explain little of the gap."""
+        return self.explained < LITTLE
 
     @property
     def unrivalled(self) -> bool:

@@ -28,7 +28,6 @@ from ..rules import (
     DISCREPANCY_T,
     ENOUGH,
     LIKELY,
-    LITTLE,
     MORE,
     MOST,
     PAIR_ROUNDS,
@@ -435,7 +434,7 @@ def _proof(
     What does not stand beside a force without a name is no rival of what does.
     """
     found = evidence(trial, others, base, held)
-    if probability(found) >= LIKELY or (found.outdone and found.explained < LITTLE):
+    if probability(found) >= LIKELY or (found.outdone and found.little):
         return found
     laws = Laws.of(common(base))
     if not trial.stands(laws):

@@ -116,8 +116,8 @@ def _deepest(
         # a valley may lie between few points, and they in a shallow one
         denser = [b for b in boxes if _power(b[0], SECOND_CROWD) > _power(b[0], FIRST_CROWD)]
         found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), seen) for b, seen in denser]
-    if left > ADEQUATE and least > MOST * plain and any(p.wide for p in term.parameters):
-        wider = Box.of(term, sides[0].scales, wide=True)
+    if left > ADEQUATE and least > MOST * plain:
+        wider = Box.wider(term, sides[0].scales)
         found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), {}) for b in wider]
     cost, best = min(found, key=_cheapest)
     if cost > HOPELESS * plain:

@@ -143,9 +143,10 @@ def _length(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     samples = int(usable(record, loop).sum())
     kept, whole = samples * record.dt, record.n_samples * record.dt
     if kept < LEAST_TIME:
+        less = math.floor(100.0 * kept) / 100.0  # not rounded to what is enough
         return [
             Finding(
-                f"only {kept:.3g} s of the record's {whole:.1f} s show motion to compare; "
+                f"only {less:g} s of the record's {whole:.1f} s show motion to compare; "
                 f"give at least {LEAST_TIME:g} s, better 20 s, with several reversals"
             )
         ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import cycle
 
 import numpy as np
 
@@ -164,7 +165,7 @@ def decide(
     allowed = ADEQUATE + (SHORT / few) ** 2
     left = cost(result.held)
     unseen = UNSEEN * tolerance
-    pairs = list(zip(result.held, (*measured, measured[0]), strict=False))
+    pairs = zip(result.held, cycle(measured), strict=False)  # of one record, both parts are its own
     slight = any(100.0 * m.beyond(h) < unseen * m.force for h, m in pairs)
     silent = slight or min(h.cost for h in result.held) <= allowed
     once = any(_comes_and_goes(m, left, allowed, silent) for m in measured)
