@@ -147,14 +147,22 @@ class Attribution:
 
     @cached_property
     def doubtful(self) -> tuple[str, ...]:
-        """Names that are hardly more often right than wrong, and slight further ones.
+        """Names that are hardly more often right than wrong, slight further ones, and empty ones.
 
         What removes little beside what all of them leave may be more of that.
         """
         likely = [n for n, proof in self.evidence.items() if probability(proof) >= LIKELY]
         least = SLIGHT * (cost(self.held) - 1.0)
         slight = {n for n in likely[1:] if self._winners[n][1].removed < least}
-        return tuple(n for n in self.evidence if n in slight or n not in likely)
+        return tuple(n for n in self.evidence if n in slight | self._empty or n not in likely)
+
+    @cached_property
+    def _empty(self) -> set[str]:
+        """Names of effects that are not what these say any more.
+
+        Once another one was added or dropped, an effect may fit best at its bounds.
+        """
+        return {n for n, (_, t) in self._winners.items() if not replace(t, fits=self.fits).meant}
 
     @cached_property
     def evidence(self) -> dict[str, Evidence]:

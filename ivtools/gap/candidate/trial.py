@@ -209,9 +209,14 @@ class Trial:
         return np.concatenate([h.fold.block_sums(e**2 - h.e**2) for h, e in both])
 
     @property
+    def meant(self) -> bool:
+        """Whether its parameters are such that its name says what it is."""
+        return self.acts and self.inside and self.same_gap
+
+    @property
     def sound(self) -> bool:
         """Whether it does what its name says, and the force error is smaller for it."""
-        return self.acts and self.inside and self.same_gap and self.lowers and self.distinct
+        return self.meant and self.lowers and self.distinct
 
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates, and the force error is smaller for it."""

@@ -50,6 +50,7 @@ from ..rules import (
     PER_COEFFICIENT,
     PERIODIC,
     QUIET,
+    ROUNDED,
     SAME_MOTION,
     SHOWN,
     SPLIT_HZ,
@@ -142,6 +143,7 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
     if unknown is not None:
         columns = np.hstack([columns, unknown])
     rest = _project(columns, fit, raw, keep)
+    rounded = unchanged(fold.record.q[:, 0])
     found = swing.Swings(response(simulation.ddq[:, 0]), keep, dt).strongest(rest)
     if found.share > SWINGING:  # a load that hangs from the axis would pass for slow noise
         ringing = found.swing.of(simulation.ddq[:, 0], dt)
@@ -158,11 +160,11 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
         if first:  # these would pass for coloured noise, and what remembers may pass for an event
             lines = _lines(fold, response, rest, whitener, simulation)
             columns = np.hstack([columns, response(np.hstack([lines, memories(simulation)]))])
-        rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt))
+        rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt, rounded))
     white = fir(whitener, rest)
-    mask = events(white, keep, dt)
+    mask = events(white, keep, dt, rounded)
     if not mask.any():  # what short windows show has sharper ends there
-        mask = lasting(white, keep, dt)
+        mask = lasting(white, keep, dt, rounded)
     period = reference_period(fold.record)
     return Floor(
         whitener=whitener,
@@ -337,27 +339,54 @@ def _size(whitener: Array, taken: Array, dt: float) -> float:
     return float(np.sqrt(np.sum(power / left) * width * 2.0 * dt))
 
 
-def _typical(white: Array, keep: Mask, dt: float) -> Mask:
-    return keep & ~events(white, keep, dt)
+def unchanged(q: Array) -> Mask:
+    """Return the samples at which the sensor shows what it showed before, (n_samples,).
+
+    There its rounding is no noise: it follows the motion, and comes slower than that.
+    """
+    return np.diff(q, prepend=np.nan) == 0.0
 
 
-def events(white: Array, keep: Mask, dt: float) -> Mask:
-    """Return the samples of windows far above the floor, (n_samples,)."""
+def _typical(white: Array, keep: Mask, dt: float, rounded: Mask) -> Mask:
+    return keep & ~events(white, keep, dt, rounded)
+
+
+def events(white: Array, keep: Mask, dt: float, rounded: Mask) -> Mask:
+    """Return the samples of windows far above the floor, (n_samples,).
+
+    Parameters
+    ----------
+    white : ndarray, (n_samples,)
+        Whitened error.
+    keep : ndarray of bool, (n_samples,)
+        Samples that count.
+    dt : float
+    rounded : ndarray of bool, (n_samples,)
+        `unchanged` samples: the more of a window, the further it may be off.
+    """
     energy, counts, width = _energy(white, keep, dt, WINDOW)
-    return _around(_deviation(energy, counts >= FULL_EVENT * width) > EVENT, width, keep)
+    off = _deviation(energy, counts >= FULL_EVENT * width) / _allowed(rounded, dt, WINDOW)
+    return _around(off > EVENT, width, keep)
 
 
-def lasting(white: Array, keep: Mask, dt: float) -> Mask:
+def lasting(white: Array, keep: Mask, dt: float, rounded: Mask) -> Mask:
     """Return the samples of longer windows above the floor or off zero, (n_samples,).
 
     A weak force that acts for a while shows in no short window: in a longer one its energy or its
-    mean does.
+    mean does. Parameters are those of `events`.
     """
     energy, counts, width = _energy(white, keep, dt, LASTING)
     full = counts >= FULL_EVENT * width
     means, *_ = _windows(white, keep, dt, LASTING)
     off = np.abs(_deviation(means * np.sqrt(counts), full, 1.0))  # noise has variance 1
-    return _around(np.maximum(_deviation(energy, full), off) > LASTING_EVENT, width, keep)
+    off = np.maximum(_deviation(energy, full), off) / _allowed(rounded, dt, LASTING)
+    return _around(off > LASTING_EVENT, width, keep)
+
+
+def _allowed(rounded: Mask, dt: float, seconds: float) -> Array:
+    """Return by how much each window may be further off for the rounding of the sensor, (n,)."""
+    still, *_ = _windows(rounded.astype(float), np.ones(len(rounded), dtype=bool), dt, seconds)
+    return 1.0 + ROUNDED * still
 
 
 def _energy(
