@@ -109,7 +109,7 @@ def features(simulation: Simulation) -> Array:
     """
     q, dq, tau = simulation.where, simulation.dq[:, 0], simulation.tau[:, 0]
     dt = float(simulation.t[1] - simulation.t[0])
-    s, x = np.sign(dq), 2.0 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1.0
+    s, x = np.sign(dq), _along(q)
     columns = [
         *_speed(dq, s),
         *_position(x, s),
@@ -129,6 +129,20 @@ def leaky(x: Array, seconds: float, dt: float, start: float = 0.0) -> Array:
 def memories(simulation: Simulation) -> Array:
     """Return the force laws that remember the motion, (n_samples, m), of a simulation."""
     return _scaled(remembered(simulation.dq[:, 0], float(simulation.t[1] - simulation.t[0])))
+
+
+def mixed(simulation: Simulation) -> Array:
+    """Return the force laws of position times speed or load, (n_samples, m), of a simulation."""
+    q, dq, tau = simulation.where, simulation.dq[:, 0], simulation.tau[:, 0]
+    fast = np.abs(dq) / max(float(np.max(np.abs(dq))), 1e-300)
+    where = _position(_along(q), np.sign(dq))
+    by_speed = [w * f for w in where for f in (fast, fast**2)]
+    return _scaled([*by_speed, *(w * tau for w in where[: len(where) // 2]), fast * tau])
+
+
+def _along(q: Array) -> Array:
+    """Return the position along the stroke, -1 to 1."""
+    return np.asarray(2.0 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1.0)
 
 
 def remembered(v: Array, dt: float) -> list[Array]:

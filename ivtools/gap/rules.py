@@ -496,7 +496,7 @@ RINGING, RINGING_DAMPING = (0.5, 0.9, 1.6, 3.0, 5.5, 10.0), 0.1
 #: Share of what smooth laws leave that a swing explains where there is one (training, seeds 900 and
 #: 901: pendulums 0.5 to 0.6; other forces without a name 0.15 at most, EMPS 0.02). The margin is
 #: thin: a creep of seed 910 reached 0.28 to 0.50.
-SWINGING = 0.3
+SWINGING = 0.2
 #: Seconds in which friction cools down again (physics: of a contact, an oil film, a housing).
 COOLING = (1.0, 3.0, 10.0, 30.0)
 #: Mean speed of late, of the largest, after which friction has done most of its falling (physics:

@@ -22,7 +22,7 @@ from ...record import Record
 from .. import spatial_lines
 from ..fit import Fit
 from ..fold import Fold
-from ..response import Response, features, memories, waves
+from ..response import Response, features, memories, mixed, waves
 from ..rules import (
     ANOTHER,
     DEEPEST,
@@ -159,7 +159,8 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
         whitener = whitener / scale
         if first:  # these would pass for coloured noise, and what remembers may pass for an event
             lines = _lines(fold, response, rest, whitener, simulation)
-            columns = np.hstack([columns, response(np.hstack([lines, memories(simulation)]))])
+            more = np.hstack([lines, memories(simulation), mixed(simulation)])
+            columns = np.hstack([columns, response(more)])
         rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt, rounded))
     white = fir(whitener, rest)
     mask = events(white, keep, dt, rounded)
