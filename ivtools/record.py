@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import warnings
 from collections.abc import Mapping
@@ -316,6 +317,16 @@ class Record:
         own = {*checks.findings(self), *checks.doubts(self)}
         changes.setdefault("notes", tuple(note for note in self.notes if note not in own))
         return dataclasses.replace(self, **changes)
+
+    def told(self, q: NDArray[np.float64]) -> Record:
+        """Return the record with the position, (n_samples, n_joints), that a model tells.
+
+        It is not checked: what the record itself may be doubted for has been said.
+        """
+        other = copy.copy(self)
+        other.__dict__.pop("parts", None)  # they hold the measured one
+        _set(other, "q", q)
+        return other
 
     def slice(self, start: int | None = None, stop: int | None = None) -> Record:
         """Return the samples from ``start`` to before ``stop``; time is kept as it was."""

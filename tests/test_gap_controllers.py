@@ -92,3 +92,20 @@ def test_a_limit_that_nobody_declared_holds_the_integrator_as_well(kind):
     sim = cut.simulate(record, theta)
     shown = parity.check(record.replace(q=sim.q, nu=sim.nu), loop)
     assert shown.limit == pytest.approx(limit) and shown.trustworthy and not shown.mismatch
+
+
+@pytest.mark.parametrize("kind", ["pd", "cascade-pd", "p-velocity"])
+@pytest.mark.parametrize("noise", [0.001, 0.004, 0.015])
+def test_a_limit_is_seen_in_a_command_that_was_measured(kind, noise):
+    """A current at its limit is as flat as its noise; the largest one of a free law is no limit."""
+    loop, record = played(kind)
+    top = float(np.abs(record.nu).max())
+    for share in (0.6, np.inf):
+        cut = replace(loop, controller=replace(loop.controller, limit=share * top))
+        sim = cut.simulate(record, iv.IDIMLS().fit(record, loop).params)
+        drawn = np.random.default_rng(3).normal(0.0, noise * top, sim.nu.shape)
+        shown = parity.check(record.replace(q=sim.q, nu=sim.nu + drawn), loop)
+        if share == np.inf:
+            assert shown.limit is None
+        else:
+            assert shown.limit == pytest.approx(share * top, rel=0.01) and not shown.mismatch

@@ -132,6 +132,19 @@ def test_a_force_that_remembers_the_motion_is_no_noise(law, seconds, noise):
     assert gap.verdict != "adequate" and gap.effects == ()
 
 
+@pytest.mark.parametrize("period", [0.1, 0.2])
+@pytest.mark.parametrize("power", [1, 2])
+def test_a_force_of_position_times_speed_is_no_noise(period, power, noise):
+    """It had been learnt as slow noise, of up to six times the noise that there is."""
+
+    def force(v):
+        return 15.0 * np.sin(2.0 * np.pi * np.cumsum(v) * moves.DT / period) * (v / 0.08) ** power
+
+    gap = beside_a_force(force)
+    assert gap.floors[0].noise < 2.6 * noise
+    assert gap.verdict not in ("adequate", "explained")
+
+
 @pytest.mark.parametrize("hz", [7.0, 12.0, 75.0])
 def test_a_second_mass_is_found_below_and_above_the_usual(hz):
     one, two = pair("flexibility", frequency_hz=hz, damping=0.03, load_share=0.3)

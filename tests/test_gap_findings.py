@@ -241,6 +241,15 @@ def test_a_holdout_of_another_axis_is_said(twin, loop):
     assert "different inertias" in refusal(twin, loop, slower)
 
 
+@pytest.mark.parametrize("force", [23.0, 26.0])
+def test_an_axis_that_does_not_follow_its_reference_is_no_other_axis(twin, loop, force):
+    """What it commands is far from what moves it, so its inertia says nothing."""
+    free = replace(loop, controller=replace(loop.controller, limit=np.inf))
+    weak = free.with_effect("inner-saturation", force=force)
+    text = refusal(twin, free, moved(weak, twin, twin.q_ref))
+    assert "does not follow its reference (other by" in text and "inertias" not in text
+
+
 # -- what is no fault ------------------------------------------------------------------------------
 @pytest.mark.parametrize("record", ["twin", "emps", "emps_pulses"], indirect=True)
 def test_a_sound_record_has_no_finding(record, loop):

@@ -514,6 +514,20 @@ def test_noise_with_heavy_tails_is_no_event_and_a_push_in_it_is(dt, freedom):
     assert false <= 2 and seen >= 36
 
 
+@pytest.mark.parametrize("dt", [1e-4, 2e-4])
+def test_the_rounding_of_a_coarse_sensor_is_no_event(dt):
+    """Where it shows the same again its error is slow; the same energy elsewhere is an event."""
+    width, keep = round(WINDOW / dt), np.ones(round(20.0 / dt), dtype=bool)
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        white, rounded = rng.normal(size=len(keep)), ~keep
+        rows = slice(50 * width, 52 * width)
+        white[rows] *= np.sqrt(2.7)
+        assert events(white, keep, dt, rounded)[rows].all()
+        rounded[rows] = rng.random(2 * width) < 0.9
+        assert not events(white, keep, dt, rounded).any()
+
+
 @pytest.mark.parametrize("at_end", [True, False])
 def test_windows_beside_one_that_stands_out_do_not_go_round_the_ends_of_a_record(at_end):
     dt, keep = 1e-3, np.ones(25_000, dtype=bool)

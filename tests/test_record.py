@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
+from ivtools import datasets
 from ivtools.errors import RecordError, RecordWarning, ShapeError
 from ivtools.record import Record
 
@@ -307,3 +308,11 @@ def test_a_copied_record_stays_read_only(table, copied):
     for array in (record.t, record.q, record.nu, record.extra["gauge"]):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+
+
+def test_a_position_that_a_model_tells_is_not_doubted(recwarn):
+    record = datasets.twin()
+    assert record.parts == (record,)
+    told = record.told(1e9 * record.q)
+    assert told.q is not record.q and told.parts == (told,) and told.nu is record.nu
+    assert not [w for w in recwarn if issubclass(w.category, RecordWarning)]

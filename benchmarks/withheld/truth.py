@@ -130,6 +130,8 @@ def _rms(
         J = np.column_stack(
             [white(errors({**values, n: values[n] + h}) - raw) / h for n, h in steps.items()]
         )
+        if not (np.isfinite(e).all() and np.isfinite(J).all()):  # the loop diverges, or nearly so
+            break
         scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
         move = np.linalg.lstsq(J / scale, -e, rcond=1e-8)[0] / scale
         trial = {**values, **{n: values[n] + m for n, m in zip(BASE, move, strict=True)}}

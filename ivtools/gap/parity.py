@@ -17,7 +17,6 @@ from ..errors import IVToolsError
 from ..linalg import block_covariance
 from ..loop import ClosedLoop, Controller
 from ..loop.controllers import Seen
-from ..loop.controllers.law import clipped
 from ..loop.identification import ControllerFit
 from ..record import Record
 from .rules import (
@@ -25,6 +24,7 @@ from .rules import (
     AT_TOP,
     CUT,
     CUT_SHARE,
+    FLAT,
     GAIN_ERROR,
     GAIN_EXPLAINS,
     GAIN_NEEDED,
@@ -35,10 +35,12 @@ from .rules import (
     LAW_R2,
     LIMIT_SAMPLES,
     MAX_DELAY,
+    NEAR_TOP,
     NOISY_GAIN,
     PARITY_BLOCKS,
     PARITY_HEAD,
     PARITY_POOR,
+    ROUGHEST,
 )
 
 Array = NDArray[np.float64]
@@ -210,6 +212,7 @@ class Signals:
         self.whole = loop.command(record)
         self.command = self.whole[:, 0]
         self.limit = loop.controller.limit  # at which the record was clipped
+        self.least = AT_LIMIT * self.limit  # from which it sits there
 
     def seen(self, controller: Controller) -> Seen:
         """Return the inputs of a law, and what it gave."""
@@ -228,7 +231,7 @@ class Signals:
         law, seen = controller.law(self.dt), self.seen(controller)
         n = len(self.command) - delay
         inputs, own = seen.inputs[:n], seen.command[delay:]
-        side = clipped(own, self.limit)
+        side = np.where(np.abs(own) >= self.least, np.sign(own), 0.0)
         start = law.began(inputs, own, side, self.limit)
         nu = law.command(inputs, start, side, self.limit)
         return np.concatenate([np.full(delay, nu[0]), nu])
@@ -240,22 +243,49 @@ class Signals:
 
 
 def _limit(signals: Signals, controller: Controller) -> tuple[float | None, NDArray[np.bool_]]:
-    """Return a limit that nobody declared, and where the command sits at any limit."""
-    own = signals.command - signals.added
-    found, at_limit = None, np.abs(own) >= AT_LIMIT * controller.limit
-    top = float(np.max(np.abs(own)))
-    at_top = np.abs(own) > AT_TOP * top
-    if at_top.sum() >= LIMIT_SAMPLES:  # an integrator that knows of it stands meanwhile
-        signals.limit = min(top, controller.limit)
+    """Return a limit that nobody declared, and where the command sits at any limit.
+
+    The top of a command that was measured, as a current is, is as flat as its noise lets it.
+    """
+    own = np.abs(signals.command - signals.added)
+    largest = float(np.max(own))
+    for level, least in (_level(signals, controller, own), (largest, AT_TOP * largest)):
+        at_top = own > least
+        if at_top.sum() < LIMIT_SAMPLES:
+            continue
+        signals.limit, signals.least = min(level, controller.limit), least
+        cut = at_top & _cut(signals, controller, level)
+        if level < AT_LIMIT * controller.limit and _many(cut, at_top):
+            return level, at_top
+    signals.limit, signals.least = controller.limit, AT_LIMIT * controller.limit
+    return None, own >= signals.least
+
+
+def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float, float]:
+    """Return where the command is when the law gives more than it ever is, and the least of that.
+
+    An integrator stands, for a first look, wherever the command is near its largest.
+    """
+    largest = float(np.max(own))
+    signals.limit, signals.least = largest, NEAR_TOP * largest
+    there = own[_cut(signals, controller, largest)]
+    if len(there) < LIMIT_SAMPLES:
+        return largest, np.inf
+    level = float(np.median(there))
+    rough = FLAT * float(np.median(np.abs(there - level)))
+    return level, min(level - rough, AT_TOP * level) if rough < ROUGHEST * level else np.inf
+
+
+def _cut(signals: Signals, controller: Controller, level: float) -> NDArray[np.bool_]:
+    """Return where the law gives more than a level, with the sign of the command."""
     law = signals.law(controller, controller.delay)
-    beyond = at_top & (np.abs(law) > CUT * top) & (np.sign(law) == np.sign(own))
-    if (
-        top < AT_LIMIT * controller.limit
-        and beyond.sum() >= LIMIT_SAMPLES
-        and beyond.sum() > CUT_SHARE * at_top.sum()
-    ):
-        found, at_limit = top, at_top
-    return found, at_limit
+    same = np.sign(law) == np.sign(signals.command - signals.added)
+    return (np.abs(law) > CUT * level) & same
+
+
+def _many(cut: NDArray[np.bool_], at_top: NDArray[np.bool_]) -> bool:
+    """Whether the law is cut at most of the samples at the top."""
+    return bool(cut.sum() >= LIMIT_SAMPLES and cut.sum() > CUT_SHARE * at_top.sum())
 
 
 def _best_delay(

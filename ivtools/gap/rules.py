@@ -30,6 +30,11 @@ LIMIT_SAMPLES = 8
 AT_LIMIT = 0.999
 #: Share of the largest command from which it sits on an undeclared limit (numerics).
 AT_TOP = 0.9995
+#: Share of the largest command from which an integrator is taken to stand, for a first look at a
+#: noisy limit (training), median deviations below such a limit at which the command is still there
+#: (theory: 4 standard deviations), and how much of the limit they are at most: else it is none
+#: (judgement: what the law exceeds everywhere is in other units).
+NEAR_TOP, FLAT, ROUGHEST = 0.95, 6.0, 0.12
 #: Law over the largest command beyond which the law was cut (training).
 CUT = 1.02
 #: Share of the samples at the top at which the law must have been cut (training).
@@ -68,6 +73,8 @@ LEAST_TIME = 3.0
 LEAST_SAMPLES = 1000
 #: Travel of the position per travel of its reference (physics).
 FOLLOWS = (0.2, 5.0)
+#: Distance from the reference, of its motion, from which an axis does not follow it (judgement).
+LOST = 0.5
 #: Correlation of a position with the reference that it follows (training).
 ALONG = 0.9
 #: Share of the time that each direction takes at least (theory: friction against offset).
@@ -240,6 +247,10 @@ EVENT_SPREAD = 0.15
 #: Share of a window that noise with heavy tails may reach into (training: with all samples six of
 #: 100 pairs had an event without one; of bursts, none is lost).
 OUTLYING = 0.05
+#: Times that the noise is learnt, each on what laws leave of the windows that seemed typical before
+#: (training: with three a force of position times speed leaves 1.2 to 2.4 times the noise, with two
+#: up to six times).
+LEARNT = 3
 #: How much further off a window may be in which a coarse sensor never changes (training: of twenty
 #: axes of MuJoCo's without an effect two had events where half of the samples were as before).
 ROUNDED = 1.0

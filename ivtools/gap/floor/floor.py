@@ -40,6 +40,7 @@ from ..rules import (
     LARGEST_ROOT,
     LASTING,
     LASTING_EVENT,
+    LEARNT,
     LEAST_LEFT,
     LEAST_PAIRS,
     LEAST_PERIOD,
@@ -150,14 +151,14 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
         ringing = np.hstack([ringing, found.swing.begun(len(raw), dt)])
         columns = np.hstack([columns, response(ringing)])
         rest = _project(columns, fit, raw, keep)
-    for first in (True, False):
+    for k in range(LEARNT):
         quiet = _quiet(rest, keep, dt)
         whitener = autoregression(rest, quiet)
         white = fir(whitener, rest)
         taken = (columns.shape[1] + fit.J.shape[1] + NOISE_ORDER) / max(int(keep.sum()), 1)
         scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, FREE))  # degrees of freedom
         whitener = whitener / scale
-        if first:  # these would pass for coloured noise, and what remembers may pass for an event
+        if k == 0:  # these would pass for coloured noise, and what remembers may pass for an event
             lines = _lines(fold, response, rest, whitener, simulation)
             more = np.hstack([lines, memories(simulation), mixed(simulation)])
             columns = np.hstack([columns, response(more)])

@@ -32,6 +32,7 @@ from ..rules import (
     LIMIT_SAMPLES,
     LOOK_WIDTH,
     LOOKS,
+    LOST,
     MOVING,
     NO_MOTION,
     ONE_WAY,
@@ -254,7 +255,7 @@ def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
         ]
     start = loop.start.get("inertia")
     if start and shown.clear and not INERTIA_RANGE[0] < inertia / start < INERTIA_RANGE[1]:
-        return [
+        return astray([record]) or [
             Finding(
                 f"the record suggests an inertia of {inertia:.3g} {unit}, the axis file starts "
                 f"from {start:g}; check units and [drive] gain"
@@ -288,7 +289,10 @@ def same_axis(bases: Sequence[Fit]) -> list[Finding]:
         if float(np.mean(error**2)) < OTHER_VALUE * fit.cost:
             return []
     unit = JOINTS[bases[0].loop.joint].inertia
-    names = [fit.fold.record.name for fit in bases]
+    records = [fit.fold.record for fit in bases]
+    if lost := astray(records):
+        return lost
+    names = [r.name for r in records]
     shown = " and ".join(f"{n} {m:.4g} {unit}" for n, m in zip(names, inertias, strict=True))
     return [
         Finding(
@@ -296,6 +300,28 @@ def same_axis(bases: Sequence[Fit]) -> list[Finding]:
             "out a record of the same axis and load"
         )
     ]
+
+
+def astray(records: Sequence[Record]) -> list[Finding]:
+    """Return what to say of axes that do not follow: they do not show their inertia."""
+    off = {r.name: _off(r) for r in records}
+    said = [f"{name} by {100.0 * x:.0f} % of its motion" for name, x in off.items() if x > LOST]
+    if not said:
+        return []
+    return [
+        Finding(
+            f"the axis does not follow its reference ({' and '.join(said)}): the drive delivers "
+            "less than the command, or something holds it; record a motion that it follows"
+        )
+    ]
+
+
+def _off(record: Record) -> float:
+    """Return how far the axis is from its reference, of how far that moves, rms."""
+    if record.q_ref is None:
+        return 0.0
+    error, motion = np.std(record.q - record.q_ref), np.std(record.q_ref)
+    return float(error / max(motion, 1e-300))
 
 
 def explain_command(parity: Parity) -> str:

@@ -106,7 +106,7 @@ class Turned:
         q = data.record.q.copy()
         at = np.concatenate([np.arange(s.start, s.stop) for s in self.stretches])
         q[at, 0] -= self.noise
-        return replace(data, record=data.record.replace(q=q))
+        return replace(data, record=data.record.told(q))
 
     @property
     def power(self) -> float:
