@@ -243,3 +243,23 @@ def test_a_slow_rate_has_a_pipeline(hz):
         quick = replace(loop, start={**loop.start, "inertia": inertia})
         pipeline = quick.pipeline(Record(t, q, q_ref=q, nu=q), "report")
         assert pipeline.cutoff_hz < 0.45 * hz
+
+
+@pytest.mark.parametrize("effect", ["cogging", "torque-ripple"])
+def test_a_line_that_one_of_two_motions_hardly_repeats_is_found(effect):
+    """It comes four times in one record, and less than twice where the other one has been."""
+    size = {"cogging": 6.0, "torque-ripple": 0.08}[effect]
+    loop = iv.axes.emps().with_effect(effect, cosine=size, sine=0.5 * size, period=0.055)
+    records = []
+    for stroke, rate, name in ((0.11, 0.21, "wide"), (0.05, 0.27, "narrow")):
+        t = np.arange(0.0, SECONDS, moves.DT)
+        waves = 0.7 * np.sin(2.0 * np.pi * rate * t) + 0.3 * np.sin(5.0 * rate * t + 1.0)
+        q_ref = 0.12 + stroke * (waves - waves[0])
+        asked = Record(t, q_ref, q_ref=q_ref, nu=q_ref)
+        noise = np.random.default_rng(len(name)).normal(0.0, moves.FORCE_NOISE, len(t))
+        ran = loop.simulate(asked, loop.values(BASE), initial="rest", force_noise=noise)
+        records.append(Record(t, ran.q, q_ref=q_ref, nu=ran.nu, name=name))
+    for one, two in (records, records[::-1]):
+        gap = iv.diagnose(one, iv.axes.emps(), two)
+        assert gap.effects == (effect,)
+        assert gap.parameters[effect]["period"] == pytest.approx(0.055, rel=0.03)

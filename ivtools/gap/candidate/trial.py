@@ -126,7 +126,7 @@ class Trial:
         one that creeps instead of ringing, or a line that does not come twice, mimics something
         else.
         """
-        if any(self._beyond(fit) for fit in self.fits):
+        if self._beyond:
             return False
         at_bound = (
             fit.values[name] == bound
@@ -148,11 +148,16 @@ class Trial:
         sizes = ([fit.values[n] for fit in self.fits] for n in gaps)
         return all(max(s) <= SAME_GAP * min(s) for s in sizes)
 
-    def _beyond(self, fit: Fit) -> bool:
-        """Whether a parameter is smaller or larger than the effect's name allows on this axis."""
-        sizes = Scales(fit.fold.record, fit.loop).sizes
-        pairs = zip(self.term.names, self.term.parameters, strict=True)
-        values = ((fit.values[n] / sizes[p.scale], p) for n, p in pairs)
+    @property
+    def _beyond(self) -> bool:
+        """Whether a parameter is smaller or larger than the effect's name allows on this axis.
+
+        What comes twice in the motion that goes farther is a line.
+        """
+        found = [Scales(fit.fold.record, fit.loop).sizes for fit in self.fits]
+        sizes = {k: max(size[k] for size in found) for k in found[0]}
+        pairs = list(zip(self.term.names, self.term.parameters, strict=True))
+        values = ((fit.values[n] / sizes[p.scale], p) for fit in self.fits for n, p in pairs)
         return not all(p.least <= value <= p.most for value, p in values)
 
     @cached_property

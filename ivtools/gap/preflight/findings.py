@@ -320,8 +320,8 @@ def _off(record: Record) -> float:
     """Return how far the axis is from its reference, of how far that moves, rms."""
     if record.q_ref is None:
         return 0.0
-    error, motion = np.std(record.q - record.q_ref), np.std(record.q_ref)
-    return float(error / max(motion, 1e-300))
+    error, motion = (float(np.std(x)) for x in (record.q - record.q_ref, record.q_ref))
+    return error / max(motion, 1e-300)
 
 
 def explain_command(parity: Parity) -> str:
