@@ -25,6 +25,7 @@ from .rules import (
     CUT,
     CUT_SHARE,
     FLAT,
+    FLATTER,
     GAIN_ERROR,
     GAIN_EXPLAINS,
     GAIN_NEEDED,
@@ -254,7 +255,7 @@ def _limit(signals: Signals, controller: Controller) -> tuple[float | None, NDAr
         if at_top.sum() < LIMIT_SAMPLES:
             continue
         signals.limit, signals.least = min(level, controller.limit), least
-        cut = at_top & _cut(signals, controller, level)
+        cut = at_top & _cut(signals, controller, level)[0]
         if level < AT_LIMIT * controller.limit and _many(cut, at_top):
             return level, at_top
     signals.limit, signals.least = controller.limit, AT_LIMIT * controller.limit
@@ -264,23 +265,29 @@ def _limit(signals: Signals, controller: Controller) -> tuple[float | None, NDAr
 def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float, float]:
     """Return where the command is when the law gives more than it ever is, and the least of that.
 
-    An integrator stands, for a first look, wherever the command is near its largest.
+    It is flat there, and the law is not. An integrator stands, for a first look, wherever the
+    command is near its largest.
     """
     largest = float(np.max(own))
     signals.limit, signals.least = largest, NEAR_TOP * largest
-    there = own[_cut(signals, controller, largest)]
-    if len(there) < LIMIT_SAMPLES:
+    cut, law = _cut(signals, controller, largest)
+    if cut.sum() < LIMIT_SAMPLES:
         return largest, np.inf
-    level = float(np.median(there))
-    rough = FLAT * float(np.median(np.abs(there - level)))
-    return level, min(level - rough, AT_TOP * level) if rough < ROUGHEST * level else np.inf
+    level, rough = float(np.median(own[cut])), FLAT * _spread(own[cut])
+    flat = rough < ROUGHEST * level and rough < FLAT * FLATTER * _spread(law[cut])
+    return level, min(level - rough, AT_TOP * level) if flat else np.inf
 
 
-def _cut(signals: Signals, controller: Controller, level: float) -> NDArray[np.bool_]:
-    """Return where the law gives more than a level, with the sign of the command."""
+def _spread(x: Array) -> float:
+    """Return the median deviation from the median."""
+    return float(np.median(np.abs(x - np.median(x))))
+
+
+def _cut(signals: Signals, controller: Controller, level: float) -> tuple[NDArray[np.bool_], Array]:
+    """Return where the law gives more than a level, with the sign of the command, and its size."""
     law = signals.law(controller, controller.delay)
     same = np.sign(law) == np.sign(signals.command - signals.added)
-    return (np.abs(law) > CUT * level) & same
+    return (np.abs(law) > CUT * level) & same, np.abs(law)
 
 
 def _many(cut: NDArray[np.bool_], at_top: NDArray[np.bool_]) -> bool:
