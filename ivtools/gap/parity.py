@@ -256,8 +256,9 @@ def _limit(signals: Signals, controller: Controller) -> tuple[float | None, NDAr
             continue
         signals.limit, signals.least = min(level, controller.limit), least
         cut = at_top & _cut(signals, controller, level)[0]
-        if level < AT_LIMIT * controller.limit and _many(cut, at_top):
-            return level, at_top
+        if cut.sum() >= LIMIT_SAMPLES and cut.sum() > CUT_SHARE * at_top.sum():
+            declared = largest >= AT_LIMIT * controller.limit
+            return None if declared else level, at_top
     signals.limit, signals.least = controller.limit, AT_LIMIT * controller.limit
     return None, own >= signals.least
 
@@ -273,9 +274,9 @@ def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float,
     cut, law = _cut(signals, controller, largest)
     if cut.sum() < LIMIT_SAMPLES:
         return largest, np.inf
-    level, rough = float(np.median(own[cut])), FLAT * _spread(own[cut])
-    flat = rough < ROUGHEST * level and rough < FLAT * FLATTER * _spread(law[cut])
-    return level, min(level - rough, AT_TOP * level) if flat else np.inf
+    level, noise = float(np.median(own[cut])), _spread(own[cut])
+    flat = FLAT * noise < ROUGHEST * level and noise < FLATTER * _spread(law[cut])
+    return level, min(level - FLAT * noise, AT_TOP * level) if flat else np.inf
 
 
 def _spread(x: Array) -> float:
@@ -288,11 +289,6 @@ def _cut(signals: Signals, controller: Controller, level: float) -> tuple[NDArra
     law = signals.law(controller, controller.delay)
     same = np.sign(law) == np.sign(signals.command - signals.added)
     return (np.abs(law) > CUT * level) & same, np.abs(law)
-
-
-def _many(cut: NDArray[np.bool_], at_top: NDArray[np.bool_]) -> bool:
-    """Whether the law is cut at most of the samples at the top."""
-    return bool(cut.sum() >= LIMIT_SAMPLES and cut.sum() > CUT_SHARE * at_top.sum())
 
 
 def _best_delay(
