@@ -133,6 +133,7 @@ def test_uneven_blocks_speak_only_against_a_name_that_a_smooth_law_could_stand_f
     assert doubted < LIKELY < probability(replace(proof, unlike=0.9))
     assert doubted < LIKELY < probability(replace(proof, stands=True))
     assert doubted < probability(replace(proof, left=1.5))  # what is left makes any blocks uneven
+    assert probability(replace(proof, left=12.0, evenness=0.02)) < LIKELY  # but not without end
 
 
 def test_a_name_that_another_effect_outdoes_is_none_while_a_gap_is_left():

@@ -15,6 +15,7 @@ from ..rules import (
     LEAST_EVIDENCE,
     LITTLE,
     MOST_DISAGREEMENT,
+    MOST_LEFT,
     NEARLY,
     NO_RIVAL,
     OUTDONE,
@@ -138,7 +139,7 @@ def features(proof: Evidence) -> dict[str, float]:
     """Return the evidence on the scales on which it adds up."""
     alone = not proof.stands
     doubt = alone * (1.0 - proof.unlike)  # a smooth law without a name may be behind it
-    even = proof.evenness * max(proof.left, 1.0) ** UNEVEN_LEFT
+    even = proof.evenness * float(np.clip(proof.left, 1.0, MOST_LEFT)) ** UNEVEN_LEFT
     removed = max(proof.gain, LEAST_EVIDENCE) / max(1.0 - proof.gain, LEAST_EVIDENCE)
     return {
         "t": float(np.log(max(proof.t, 1.0))),
