@@ -12,11 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from ..errors import IVToolsError
 from ..linalg import block_covariance
 from ..loop import ClosedLoop, Controller
 from ..loop.controllers import Seen
+from ..loop.controllers.law import clipped
 from ..loop.identification import ControllerFit
 from ..record import Record
 from .rules import (
@@ -125,7 +127,7 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
     signals = Signals(record, loop)
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
     limit, at_limit = _limit(signals, loop.controller)
-    free, signals.limit = ~at_limit, loop.controller.limit if limit is None else limit
+    free = ~at_limit
     delay, fitted, tvalues = _best_delay(signals, loop.controller, free)
     kept = _material(signals, loop.controller, delay, fitted, tvalues, free)
     controller = _corrected(loop.controller, delay, kept, limit)
@@ -232,7 +234,7 @@ class Signals:
         law, seen = controller.law(self.dt), self.seen(controller)
         n = len(self.command) - delay
         inputs, own = seen.inputs[:n], seen.command[delay:]
-        side = np.where(np.abs(own) >= self.least, np.sign(own), 0.0)
+        side = clipped(own, self.least)
         start = law.began(inputs, own, side, self.limit)
         nu = law.command(inputs, start, side, self.limit)
         return np.concatenate([np.full(delay, nu[0]), nu])
@@ -274,14 +276,11 @@ def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float,
     cut, law = _cut(signals, controller, largest)
     if cut.sum() < LIMIT_SAMPLES:
         return largest, np.inf
-    level, noise = float(np.median(own[cut])), _spread(own[cut])
-    flat = FLAT * noise < ROUGHEST * level and noise < FLATTER * _spread(law[cut])
+    level, noise = float(np.median(own[cut])), stats.median_abs_deviation(own[cut])
+    flat = FLAT * noise < ROUGHEST * level and noise < FLATTER * stats.median_abs_deviation(
+        law[cut]
+    )
     return level, min(level - FLAT * noise, AT_TOP * level) if flat else np.inf
-
-
-def _spread(x: Array) -> float:
-    """Return the median deviation from the median."""
-    return float(np.median(np.abs(x - np.median(x))))
 
 
 def _cut(signals: Signals, controller: Controller, level: float) -> tuple[NDArray[np.bool_], Array]:

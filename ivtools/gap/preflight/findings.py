@@ -255,7 +255,7 @@ def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
         ]
     start = loop.start.get("inertia")
     if start and shown.clear and not INERTIA_RANGE[0] < inertia / start < INERTIA_RANGE[1]:
-        return astray([record]) or [
+        return _astray([record]) or [
             Finding(
                 f"the record suggests an inertia of {inertia:.3g} {unit}, the axis file starts "
                 f"from {start:g}; check units and [drive] gain"
@@ -290,7 +290,7 @@ def same_axis(bases: Sequence[Fit]) -> list[Finding]:
             return []
     unit = JOINTS[bases[0].loop.joint].inertia
     records = [fit.fold.record for fit in bases]
-    if lost := astray(records):
+    if lost := _astray(records):
         return lost
     names = [r.name for r in records]
     shown = " and ".join(f"{n} {m:.4g} {unit}" for n, m in zip(names, inertias, strict=True))
@@ -302,7 +302,7 @@ def same_axis(bases: Sequence[Fit]) -> list[Finding]:
     ]
 
 
-def astray(records: Sequence[Record]) -> list[Finding]:
+def _astray(records: Sequence[Record]) -> list[Finding]:
     """Return what to say of axes that do not follow: they do not show their inertia."""
     off = {r.name: _off(r) for r in records}
     said = [f"{name} by {100.0 * x:.0f} % of its motion" for name, x in off.items() if x > LOST]
