@@ -16,7 +16,7 @@ from benchmarks.withheld.robots import simulated, split
 from ivtools.cli import run
 from ivtools.errors import AxisError
 from ivtools.gap import fit
-from ivtools.gap.attribute import Supposed, selection
+from ivtools.gap.attribute import Supposed, attribution
 from ivtools.gap.candidate import starts
 from ivtools.gap.diagnose import Task, begin, finish
 from ivtools.gap.fit import gauss_newton
@@ -330,7 +330,7 @@ def test_a_link_is_looked_for_no_lighter_than_what_a_pose_takes_of_it():
 
 def test_what_removes_most_of_a_gap_and_gets_no_name_is_supposed(monkeypatch):
     """However little of the energy the gap is, most of which is noise."""
-    monkeypatch.setattr(selection, "LIKELY", 1.1)
+    monkeypatch.setattr(attribution, "LIKELY", 1.1)
     loop = two_loop()
     true = loop.with_effect("elbow", "stribeck", force=0.02, speed=0.1, exponent=2.0)
     one, two = (measured(true, seed, noise=1.2e-5) for seed in (1, 2))

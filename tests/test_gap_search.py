@@ -16,7 +16,8 @@ from ivtools.gap.diagnose import Task as Asked
 from ivtools.gap.diagnose import begin
 from ivtools.gap.fit import gauss_newton, steps
 from ivtools.gap.floor import Floor, folds, measure, prepared
-from ivtools.gap.floor.floor import _refit, events, lasting
+from ivtools.gap.floor.events import events, lasting
+from ivtools.gap.floor.floor import _refit
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
 from ivtools.gap.rules import LASTING, SWINGING, WINDOW, Rules

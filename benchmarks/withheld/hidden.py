@@ -45,7 +45,7 @@ def measured(task: Task) -> dict[str, list[tuple[float, float]] | None]:
     def noted(tried: Any, base: Any, rules: Any) -> Any:
         """Look for the true effects before any other."""
         for name in task.effects:
-            trials = tried([], name).trials
+            trials = tried([], [name]).trials
             both = [(common(t.before), common(t.held)) for t in trials]
             found[name] = beside_law(*both[0], Laws.of(both[0][0])) if both else None
         return forward(tried, base, rules)

@@ -3,11 +3,13 @@
 rounds       one more effect is looked for
 evidence     what speaks for its name, and the probability that it is right
 kept         how many names stay beside a force without one
+attribution  what got a name, and what speaks for it
 selection    forward over the rounds, and backward over what a later one made superfluous
 """
 
+from .attribution import Attribution, Supposed
 from .evidence import Evidence, cost, features, probability
-from .selection import Attribution, Supposed, attribute, upheld
+from .selection import attribute, upheld
 
 __all__ = [
     "Attribution",

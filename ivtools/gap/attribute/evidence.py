@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from ..candidate import Trial
-from ..fit import Fit
+from ..discrepancy import Laws
+from ..fit import Fit, common
 from ..rules import (
     ENOUGH,
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
+    LIKELY,
     LITTLE,
     MOST_DISAGREEMENT,
     MOST_LEFT,
@@ -174,6 +176,26 @@ def probability(proof: Evidence) -> float:
     z = WEIGHTS["constant"] + sum(WEIGHTS[n] * x for n, x in features(proof).items())
     least = SURE_APART if proof.unrivalled else 0.0
     return min(max(float(1.0 / (1.0 + np.exp(-z))), least), SUREST)
+
+
+def weigh(
+    trial: Trial,
+    others: Sequence[Trial],
+    base: tuple[Fit, ...],
+    held: tuple[Fit, ...] = (),
+) -> Evidence:
+    """Return the evidence for an effect; where it leaves doubt, also whether the effect stands.
+
+    What does not stand beside a force without a name is no rival of what does.
+    """
+    found = evidence(trial, others, base, held)
+    if probability(found) >= LIKELY or (found.outdone and found.little):
+        return found
+    laws = Laws.of(common(base))
+    if not trial.stands(laws):
+        return found
+    rivals = [t for t in others if t.gain > trial.gain and t.stands(laws)]
+    return replace(evidence(trial, rivals, base, held), stands=True)
 
 
 def cost(fits: Sequence[Fit]) -> float:

@@ -9,9 +9,7 @@ forward selection add one effect each; a backward pass drops what a later one ma
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,167 +18,24 @@ from ...physics import Term
 from ...workers import threaded
 from ..candidate import Trial, frozen
 from ..discrepancy import Laws
-from ..fit import Fit, common, gauss_newton, normal, of_effect, steps
+from ..fit import Fit, common, gauss_newton, normal, steps
 from ..fold import Side
 from ..library import library
 from ..rules import (
     CLEAN,
-    DISCREPANCY_T,
     ENOUGH,
     LIKELY,
     MORE,
     MOST,
     PAIR_ROUNDS,
-    SLIGHT,
     SUPERFLUOUS,
     SURELY_NEEDED,
     Rules,
 )
-from .evidence import Evidence, cost, evidence, lawless, probability
+from .attribution import Attribution, Supposed
+from .evidence import cost, evidence, lawless, probability, weigh
 from .kept import names_kept
-from .rounds import Round, play, pvalues
-
-
-class Supposed(NamedTuple):
-    """An effect that removes most of a gap by itself and yet has no name.
-
-    Attributes
-    ----------
-    effect : str
-    values : mapping
-        Of every parameter of the model with it, on the first fold.
-    gain : float
-        Share of the whitened energy that it removes on held-out data.
-    """
-
-    effect: str
-    values: dict[str, float]
-    gain: float
-
-
-@dataclass(frozen=True, eq=False)
-class Attribution:
-    """What was named.
-
-    Parameters
-    ----------
-    base : tuple of Fit
-        The model without effects, on each fold.
-    fits : tuple of Fit
-        The model with the named effects, on each fold.
-    held : tuple of Fit
-        On each fold, with the effects as the other fold has them.
-    named : tuple of str
-    rules : Rules
-    rounds : tuple of Round
-        The forward selection; the first names nothing if there is nothing to name.
-    laws : Laws, optional
-        Forces without a name along the motion of the base model, if something is left.
-    surpassed : frozenset of str
-        Effects without which such a force predicts better than with them.
-    full : tuple of Fit
-        As `held`, with the effects that were taken back because their names were doubtful.
-    supposed : Supposed, optional
-        What most of the gap is without, where nothing is named.
-    """
-
-    base: tuple[Fit, ...]
-    fits: tuple[Fit, ...]
-    held: tuple[Fit, ...]
-    named: tuple[str, ...]
-    rules: Rules
-    rounds: tuple[Round, ...] = ()
-    laws: Laws | None = None
-    surpassed: frozenset[str] = frozenset()
-    full: tuple[Fit, ...] = ()
-    supposed: Supposed | None = None
-
-    @property
-    def trials(self) -> tuple[Trial, ...]:
-        """Everything that was fitted in the first round."""
-        return self.rounds[0].trials if self.rounds else ()
-
-    @property
-    def screened(self) -> dict[str, float]:
-        """R2 gain of every effect in the first screening, mean of the folds."""
-        return self.rounds[0].gains if self.rounds else {}
-
-    @property
-    def parameters(self) -> dict[str, dict[str, float]]:
-        """Per named effect, its parameters as the first fold has them."""
-        return {e: of_effect(self.fits[0].values, e) for e in self.named}
-
-    @property
-    def replication(self) -> dict[str, tuple[float, float]]:
-        """Per parameter of a named effect, its value on either fold."""
-        one, two = (f.values for f in self.fits)
-        return {n: (v, two[n]) for n, v in one.items() if "." in n and n in two}
-
-    @cached_property
-    def _winners(self) -> dict[str, tuple[Round, Trial]]:
-        """Round and trial of every effect that is named."""
-        pairs = ((r, r.best) for r in self.rounds if r.best is not None)
-        return {best.name: (r, best) for r, best in pairs if best.name in self.named}
-
-    @cached_property
-    def ambiguous(self) -> dict[str, list[str]]:
-        """Per named effect, those that are not distinguishable from it."""
-        return {
-            name: [t.name for t in self._rivals(r) if t.name not in self.named]
-            for name, (r, _) in self._winners.items()
-        }
-
-    @property
-    def alternatives(self) -> tuple[dict[str, float], ...]:
-        """Parameters on the first fold with each effect that helps and has no name."""
-        helps = (
-            t.fits[0]
-            for r in self.rounds
-            for t in r.trials
-            if t.name not in self.named and np.min(t.t) > DISCREPANCY_T and t.gain > 0.0
-        )
-        own = {t.name for t in self.fits[0].loop.terms}
-        return tuple(f.values for f in helps if own <= {t.name for t in f.loop.terms})
-
-    def _rivals(self, r: Round) -> tuple[Trial, ...]:
-        return r.rivals(self.rules, cost(self.held))
-
-    @cached_property
-    def doubtful(self) -> tuple[str, ...]:
-        """Names that are hardly more often right than wrong, slight further ones, and empty ones.
-
-        What removes little beside what all of them leave may be more of that.
-        """
-        likely = [n for n, proof in self.evidence.items() if probability(proof) >= LIKELY]
-        least = SLIGHT * (cost(self.held) - 1.0)
-        slight = {n for n in likely[1:] if self._winners[n][1].removed < least}
-        return tuple(n for n in self.evidence if n in slight | self._empty or n not in likely)
-
-    @cached_property
-    def _empty(self) -> set[str]:
-        """Names of effects that are not what these say any more.
-
-        Once another one was added or dropped, an effect may fit best at its bounds.
-        """
-        return {n for n, (_, t) in self._winners.items() if not replace(t, fits=self.fits).meant}
-
-    @cached_property
-    def evidence(self) -> dict[str, Evidence]:
-        """Per named effect, what speaks for it."""
-        return {n: self.proof(r, best) for n, (r, best) in self._winners.items()}
-
-    def proof(self, r: Round, trial: Trial) -> Evidence:
-        """Return what speaks for one of the effects that were tried in a round."""
-        others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
-        found = _proof(trial, others, self.base, self.full or self.held)
-        if trial.name == r.measured:
-            return replace(found, unlike=1.0)
-        return replace(found, surpassed=trial.name in self.surpassed)
-
-    @cached_property
-    def pvalues(self) -> dict[str, float]:
-        """Of no gain on held-out data, corrected for everything screened in the first round."""
-        return pvalues(self.rounds[0]) if self.rounds else {}
+from .rounds import Round, play
 
 
 def attribute(
@@ -427,28 +282,8 @@ def _doubtful(
     """
     rivals = last.rivals(rules, cost(best.held))
     others = [t for t in last.trials if t not in (best, *rivals)]
-    found = (_proof if asked else evidence)(best, others, base)
+    found = (weigh if asked else evidence)(best, others, base)
     return probability(found) < LIKELY
-
-
-def _proof(
-    trial: Trial,
-    others: Sequence[Trial],
-    base: tuple[Fit, ...],
-    held: tuple[Fit, ...] = (),
-) -> Evidence:
-    """Return the evidence for an effect; where it leaves doubt, also whether the effect stands.
-
-    What does not stand beside a force without a name is no rival of what does.
-    """
-    found = evidence(trial, others, base, held)
-    if probability(found) >= LIKELY or (found.outdone and found.little):
-        return found
-    laws = Laws.of(common(base))
-    if not trial.stands(laws):
-        return found
-    rivals = [t for t in others if t.gain > trial.gain and t.stands(laws)]
-    return replace(evidence(trial, rivals, base, held), stands=True)
 
 
 def _backward(

@@ -1,8 +1,8 @@
 """Floor: what no model of the axis could close.
 
-The noise of the command is modelled on windows that are quiet both at high and at low frequency,
-after every smooth law of the state has been taken out. Windows far above it that do not come
-again with the reference are events from outside.
+The noise of the command is modelled after every smooth law of the state has been taken out, first
+on windows that are quiet both at high and at low frequency, then on all
+that no event stands out of.
 """
 
 from __future__ import annotations
@@ -11,54 +11,40 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, ndimage, signal, stats
+from scipy import fft, signal, stats
 
 from ...errors import EstimationError
 from ...limits import LARGEST
 from ...linalg import NoiseModel, fir, independent, swing
 from ...loop import Simulation
 from ...physics import EFFECTS
-from ...record import Record
 from .. import spatial_lines
 from ..fit import Fit
 from ..fold import Fold
 from ..response import Response, features, memories, mixed, waves
 from ..rules import (
-    ANOTHER,
-    DEEPEST,
     DEPENDENT,
-    EVENT,
-    EVENT_SPREAD,
     EVENT_TIME,
     EVENTS_ONCE,
     FEW_EVENTS,
     FREE,
     FREQUENCIES,
     FULL,
-    FULL_EVENT,
     LAG_WINDOW,
     LARGEST_ROOT,
-    LASTING,
-    LASTING_EVENT,
     LEARNT,
     LEAST_LEFT,
-    LEAST_PAIRS,
-    LEAST_PERIOD,
-    LEAST_WINDOW,
-    MOST_PERIODS,
     NOISE_ORDER,
-    OUTLYING,
     PER_COEFFICIENT,
-    PERIODIC,
     QUIET,
-    ROUNDED,
-    SAME_MOTION,
     SHOWN,
     SPLIT_HZ,
     SPLIT_RATE,
     SWINGING,
     WINDOW,
 )
+from .events import events, lasting, stretches, unchanged, windows
+from .repeats import passes, reference_period
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -173,7 +159,7 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
         noise=_size(whitener, _taken(columns, fit, whitener), dt),
         generic=float(np.mean(white[keep & ~mask] ** 2)),
         period=period,
-        passes=_passes(raw, keep & ~mask, period, dt),
+        passes=passes(raw, keep & ~mask, period, dt),
         events=stretches(mask, fold.record.t),
         event_mask=mask,
         excess=_excess(rest, keep, mask),
@@ -235,29 +221,13 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     return np.asarray(raw - basis @ beta)
 
 
-def _windows(
-    x: Array, keep: Mask, dt: float, seconds: float = WINDOW
-) -> tuple[Array, NDArray[np.int_], int]:
-    """Return the mean of each window, how many samples of it count, and its width."""
-    values, counts = _cut(x, keep, dt, seconds)
-    return values.sum(axis=1) / np.maximum(counts, 1), counts, values.shape[1]
-
-
-def _cut(x: Array, keep: Mask, dt: float, seconds: float) -> tuple[Array, NDArray[np.int_]]:
-    """Return the samples of each window, 0 where they do not count, and how many of them do."""
-    width = max(round(seconds / dt), LEAST_WINDOW)
-    shape = len(x) // width, width
-    used = slice(shape[0] * width)
-    return np.where(keep, x, 0.0)[used].reshape(shape), keep[used].reshape(shape).sum(axis=1)
-
-
 def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows that are quiet above and below 12 Hz."""
     sos = signal.butter(2, min(2 * SPLIT_HZ * dt, SPLIT_RATE), output="sos")
     low = signal.sosfiltfilt(sos, x)
     good = np.ones(0, dtype=bool)
     for part in (low, x - low):
-        energy, counts, width = _windows(part**2, keep, dt)
+        energy, counts, width = windows(part**2, keep, dt)
         full = counts >= FULL * width
         level = np.quantile(energy[full], QUIET) if full.any() else np.inf
         ok = full & (energy <= level)
@@ -293,7 +263,7 @@ def _stable(whitener: Array) -> Array:
 
 def _level(white: Array, keep: Mask, dt: float) -> float:
     """Return the robust noise level: the median over windows, corrected to a mean."""
-    energy, counts, width = _windows(white**2, keep, dt)
+    energy, counts, width = windows(white**2, keep, dt)
     full = counts >= FULL * width
     if not full.any():
         return float(np.sqrt(np.mean(white[keep] ** 2)))
@@ -341,163 +311,5 @@ def _size(whitener: Array, taken: Array, dt: float) -> float:
     return float(np.sqrt(np.sum(power / left) * width * 2.0 * dt))
 
 
-def unchanged(q: Array) -> Mask:
-    """Return the samples at which the sensor shows what it showed before, (n_samples,).
-
-    There its rounding is no noise: it follows the motion, and comes slower than that.
-    """
-    return np.diff(q, prepend=np.nan) == 0.0
-
-
 def _typical(white: Array, keep: Mask, dt: float, rounded: Mask) -> Mask:
     return keep & ~events(white, keep, dt, rounded)
-
-
-def events(white: Array, keep: Mask, dt: float, rounded: Mask) -> Mask:
-    """Return the samples of windows far above the floor, (n_samples,).
-
-    Parameters
-    ----------
-    white : ndarray, (n_samples,)
-        Whitened error.
-    keep : ndarray of bool, (n_samples,)
-        Samples that count.
-    dt : float
-    rounded : ndarray of bool, (n_samples,)
-        `unchanged` samples: the more of a window, the further it may be off.
-    """
-    energy, counts, width = _energy(white, keep, dt, WINDOW)
-    off = _deviation(energy, counts >= FULL_EVENT * width) / _allowed(rounded, dt, WINDOW)
-    return _around(off > EVENT, width, keep)
-
-
-def lasting(white: Array, keep: Mask, dt: float, rounded: Mask) -> Mask:
-    """Return the samples of longer windows above the floor or off zero, (n_samples,).
-
-    A weak force that acts for a while shows in no short window: in a longer one its energy or its
-    mean does. Parameters are those of `events`.
-    """
-    energy, counts, width = _energy(white, keep, dt, LASTING)
-    full = counts >= FULL_EVENT * width
-    means, *_ = _windows(white, keep, dt, LASTING)
-    off = np.abs(_deviation(means * np.sqrt(counts), full, 1.0))  # noise has variance 1
-    off = np.maximum(_deviation(energy, full), off) / _allowed(rounded, dt, LASTING)
-    return _around(off > LASTING_EVENT, width, keep)
-
-
-def _allowed(rounded: Mask, dt: float, seconds: float) -> Array:
-    """Return by how much each window may be further off for the rounding of the sensor, (n,)."""
-    still, *_ = _windows(rounded.astype(float), np.ones(len(rounded), dtype=bool), dt, seconds)
-    return 1.0 + ROUNDED * still
-
-
-def _energy(
-    white: Array, keep: Mask, dt: float, seconds: float
-) -> tuple[Array, NDArray[np.int_], int]:
-    """Return what `_windows` does of the energy, but without the largest samples of each window.
-
-    Noise with heavy tails has a few that are far off; what pushes the axis lasts longer.
-    """
-    values, counts = _cut(white**2, keep, dt, seconds)
-    width = values.shape[1]
-    rest = width - max(round(OUTLYING * width), 1)
-    small = np.partition(values, rest, axis=1)[:, :rest]
-    return small.sum(axis=1) / np.maximum(counts + rest - width, 1), counts, width
-
-
-def _deviation(x: Array, full: Mask, least: float | None = None) -> Array:
-    """Return how far each window that counts is from the median, in robust deviations, (n,).
-
-    Parameters
-    ----------
-    x : ndarray, (n,)
-    full : ndarray of bool, (n,)
-        Which windows count.
-    least : float, optional
-        Least deviation; `EVENT_SPREAD` of the median without.
-    """
-    if not full.any():
-        return np.zeros(len(x))
-    middle = float(np.median(x[full]))
-    least = EVENT_SPREAD * middle if least is None else least
-    spread = max(1.4826 * float(np.median(np.abs(x[full] - middle))), least)
-    return np.where(full, (x - middle) / max(spread, 1e-300), 0.0)
-
-
-def _around(bad: Mask, width: int, keep: Mask) -> Mask:
-    """Return the samples of windows, of those beside them, and of no others, (n_samples,)."""
-    mask = np.zeros(len(keep), dtype=bool)
-    mask[: len(bad) * width] = np.repeat(ndimage.binary_dilation(bad), width)
-    return mask & keep
-
-
-def stretches(mask: Mask, t: Array) -> tuple[tuple[float, float], ...]:
-    """Return start and end, s, of every run of a mask."""
-    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(int)))
-    return tuple(
-        (float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)
-    )
-
-
-def reference_period(record: Record) -> float | None:
-    """Return the period of the reference, s, if it repeats itself at least once."""
-    assert record.q_ref is not None
-    x = record.q_ref[:, 0] - np.mean(record.q_ref[:, 0])
-    n, least = len(x), max(LEAST_PERIOD, len(x) // MOST_PERIODS)
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(x, size)
-    product = np.fft.irfft(np.abs(spectrum) ** 2, size)[: n // 2 + 1]
-    total = np.cumsum(x**2)
-    lags = np.arange(n // 2 + 1)
-    energy = total[n - 1 - lags] + total[-1] - np.concatenate([[0.0], total[: n // 2]])
-    mismatch = 1.0 - 2.0 * product / np.maximum(energy, 1e-300)
-    away = np.flatnonzero(mismatch > ANOTHER)
-    if not len(away):
-        return None
-    good = np.flatnonzero(mismatch[max(away[0], least) :] < PERIODIC)
-    return (
-        None
-        if not len(good)
-        else float(_deepest(mismatch, max(away[0], least) + good[0]) * record.dt)
-    )
-
-
-def _deepest(mismatch: Array, at: int) -> int:
-    stop = min(at + DEEPEST, len(mismatch))
-    return at + int(np.argmin(mismatch[at:stop]))
-
-
-def _passes(raw: Array, keep: Mask, period: float | None, dt: float) -> float | None:
-    """Return the pass-to-pass difference over sqrt(2), detrended, N or N m."""
-    if period is None:
-        return None
-    lag = round(period / dt)
-    return _difference(raw[lag:], raw[:-lag], keep[lag:] & keep[:-lag])
-
-
-def between(one: Fit, two: Fit) -> float | None:
-    """Return the difference of the force errors of two records of the same motion, over sqrt(2).
-
-    None if reference, known inputs or length differ.
-    """
-    a, b = one.fold, two.fold
-    if not _same(a.record, b.record):
-        return None
-    errors = [f.fold.force_error(f.loop, f.values) for f in (one, two)]
-    return _difference(errors[0], errors[1], a.keep & b.keep)
-
-
-def _same(one: Record, two: Record) -> bool:
-    if one.n_samples != two.n_samples:
-        return False
-    pairs = [(one.q_ref, two.q_ref), (one.added, two.added)]
-    filled = [[np.zeros(1) if x is None else x for x in pair] for pair in pairs]
-    return all(bool(np.max(np.abs(x - y)) <= SAME_MOTION * np.max(np.abs(x))) for x, y in filled)
-
-
-def _difference(x: Array, y: Array, keep: Mask) -> float | None:
-    """Return the rms of a detrended difference over sqrt(2); None if it is too short."""
-    difference = (x - y)[keep]
-    if len(difference) < LEAST_PAIRS:
-        return None
-    return float(np.std(signal.detrend(difference)) / np.sqrt(2.0))
