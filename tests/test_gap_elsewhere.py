@@ -186,7 +186,7 @@ def test_pushes_in_one_record_are_said_however_many_and_strong(count, which, siz
     ]
     gap = iv.diagnose(records[0], loop, records[1])
     assert gap.verdict == "non-repeatable" and gap.effects == () and gap.changed == {}
-    (advice,) = (line for line in gap.advice if "stands out" in line)
+    (advice,) = (line for line in gap.advice if "far above the noise" in line)
     assert advice.startswith(records[which].name)
     hit = [any(a - 0.2 < s < b for a, b in gap.floors[which].events) for s in starts]
     assert all(hit) and gap.floors[1 - which].events == ()

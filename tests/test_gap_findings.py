@@ -131,7 +131,7 @@ def test_a_law_without_velocity_reference_is_a_cascade_by_another_name(twin, loo
 def test_a_command_that_no_law_explains_is_refused_with_what_was_tried(twin, loop):
     noise = np.random.default_rng(0).normal(0.0, 3.0, twin.nu.shape)
     text = refusal(twin.replace(nu=np.cumsum(noise, axis=0) / 300.0), loop)
-    assert "no kind of law explains it either, R2: " in text and "cascade-pd" in text
+    assert "no kind of law that was fitted is good enough either, R2: " in text and "cascade-pd" in text
 
 
 def test_the_sign_and_size_of_the_drive_gain_are_said(record, loop):
@@ -260,10 +260,13 @@ def test_two_records_of_one_axis_are_a_pair(emps, emps_pulses):
     assert preflight.overlap(emps, emps_pulses) == []
 
 
-@pytest.mark.parametrize("unit", ["mm", "µm", "cm", "inches"])
-def test_a_hint_knows_the_unit(unit):
-    factor = 1.0 / plausible._UNITS["prismatic"][unit]
-    assert f"in {unit}" in plausible.looks_like(1.05 * factor, "prismatic", "q")
+@pytest.mark.parametrize("joint, unit", [(j, u) for j, us in plausible._UNITS.items() for u in us])
+def test_a_hint_knows_the_unit(twin, loop, joint, unit):
+    """Of whatever is larger or smaller than the SI unit."""
+    times = plausible._UNITS[joint][unit]
+    assert f"in {unit}" in plausible.looks_like(1.05 / times, joint, "q")
+    axis, other = replace(loop, joint=joint), scaled(twin, times, "q", "q_ref")
+    assert f"in {unit}" in plausible.wrong_unit(other, axis, parity.check(other, axis))
 
 
 # -- a controller that is to be identified ---------------------------------------------------------
@@ -272,7 +275,7 @@ def test_an_identified_controller_says_nothing_of_itself(twin, loop):
     found = iv.diagnose(twin, unknown)
     assert found.effects == iv.diagnose(twin, loop).effects and found.shrink is not None
     (note,) = [f for f in found.findings if "identified" in f.text]
-    assert not note.fatal and "cannot say whether it is the right one" in note.text
+    assert not note.fatal and "cannot confirm it" in note.text
     assert found.parity[0].mismatch == {} and found.parity[0].before < 1e-6
 
 

@@ -75,6 +75,6 @@ def test_what_only_one_side_can_show_is_said():
 
     found = compared("controller-mismatch", {}, {}, (Side(), Side(added=0.015)))
     assert found.replicates is None
-    assert "one side only: added not seen on one, +1.5 % on other" in found.text
+    assert "cannot be compared: added not seen on one, +1.5 % on other" in found.text
     both = compared("controller-mismatch", {}, {}, (Side(kp=0.03), Side(kp=0.028)))
     assert both.replicates is True and "kp +3 % on one, +2.8 % on other" in both.text

@@ -95,7 +95,7 @@ def test_an_effect_that_was_fitted_to_some_samples_is_frozen_on_all():
     measured = (measure(prepared(r, parity.check(r, base), records)) for r in records)
     sides, fits = folds(tuple(measured))
     few = [s.fold.only(np.arange(s.fold.record.n_samples) % 2 == 0, "half") for s in sides]
-    parts = tuple(gauss_newton(h, f.loop, f.values, f.free, steps(h, f.loop, s.scales))
+    parts = tuple(gauss_newton(h, f.loop, f.values, f.free, steps(f.loop, s.scales))
                   for h, f, s in zip(few, fits, sides, strict=True))  # fmt: skip
     held = frozen(sides, parts)
     assert [len(h.e) for h in held] == [s.fold.n_kept for s in sides]

@@ -108,13 +108,13 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
     text = max(better, key=lambda t: better[t])
     if better[text] < max(BETTER_MOTION * now, TELLS_LEAST):
         return (
-            f"{name} and {other} look alike on every motion tried (they share "
+            f"no motion that was tried tells {name} from {other} much better (here they share "
             f"{100 * (1 - now**2):.0f} % of their signature); a still longer stroke or a sensor at "
-            "another place may tell them apart"
+            "another place may"
         )
     return (
-        f"to tell {name} from {other}: {text}; what the one cannot mimic of the other grows "
-        f"from {100 * now:.0f} % to {100 * better[text]:.0f} % of the signature; ivtools excite "
+        f"to tell {name} from {other}: {text}; the part of the signature that the other one cannot "
+        f"mimic grows from {100 * now:.0f} % to {100 * better[text]:.0f} %; ivtools excite "
         f"--kind {MADE_BY[text]} makes such a reference"
     )
 
@@ -148,9 +148,7 @@ def _signature(fit: Fit, name: str, record: Record) -> tuple[Array, Array]:
     simulation = fold.simulate(plain, values)
     e = fold.judged(plain, simulation)
     free = [n for n in plain.names if "." not in n]
-    J = jacobian(
-        fold, plain, values, free, steps(fold, plain, Scales(record, plain)), simulation, e
-    )
+    J = jacobian(fold, plain, values, free, steps(plain, Scales(record, plain)), simulation, e)
     return e - fold.error(loop, fit.values), J
 
 
@@ -179,8 +177,8 @@ def remarks(
         beyond = 1.0 - compared.fold.common.n_kept / m.fold.n_kept
         if held_out and not m.floor.isolated and beyond > REMARK:
             lines.append(
-                f"{name}: in {100 * beyond:.0f} % of it the axis is where the other record has not "
-                "been, or later than that; effects of position or time are named from the rest"
+                f"{name}: {100 * beyond:.0f} % of it is at positions or times that the other "
+                "record does not cover; effects of position or time are judged on the rest"
             )
         if p.delay != loop.controller.delay:
             lines.append(
@@ -190,12 +188,13 @@ def remarks(
             )
         if "added" in p.mismatch:
             lines.append(
-                f"{name}: the added input acts {100 * p.mismatch['added']:+.2g} % larger than "
-                "recorded"
+                f"{name}: the added input acts with {1.0 + p.mismatch['added']:.3g} times its "
+                "recorded size"
             )
         if m.floor.isolated:
             when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in m.floor.events[:6])
-            lines.append(f"{name}: stands out and does not come again: {when}")
+            said = "stretches far above the noise, which no smooth law explains"
+            lines.append(f"{name}: {said}: {when}")
         if p.clipped > 0.0:
             lines.append(
                 f"{name}: the command sits at its limit in {100 * p.clipped:.2g} % of the samples; "

@@ -91,7 +91,7 @@ class Diagnosis(Displayed):
     alternatives : tuple of mapping
         Its parameters as each effect would have them that helps and has no name.
     supposed : Supposed or None
-        What most of the gap is without, where nothing is named.
+        An effect that removes most of the gap and yet has no name, where nothing has one.
     """
 
     figure: ClassVar[str] = "gap.gap"
@@ -210,8 +210,8 @@ class Diagnosis(Displayed):
         text = f"{quantity(s.before, s.unit, 3)} rms, {percent}"
         if not self.negligible:
             return text
-        within = s.before < 0.01 * self.tolerance * s.force
-        return f"negligible{'' if within else ' above the floor'}: {text}, floor included"
+        all_of_it = s.before < 0.01 * self.tolerance * s.force
+        return f"negligible{'' if all_of_it else ' above the floor'}: {text}, floor included"
 
     @property
     def negligible(self) -> bool:
@@ -220,7 +220,8 @@ class Diagnosis(Displayed):
         return s is not None and s.gap < 0.01 * self.tolerance * s.force
 
     def _lines(self) -> list[str]:
-        lines = [f"verdict: {self.verdict} ({VERDICTS[self.verdict]})"]
+        why = "nothing was simulated" if self.shrink is None else VERDICTS[self.verdict]
+        lines = [f"verdict: {self.verdict} ({why})"]
         if self.size:
             lines.append(f"gap: {self.size}")
         for effect in self.effects:
@@ -256,7 +257,7 @@ class Diagnosis(Displayed):
             return []
         lines = _wrapped(
             f"force error: {s.before:.3g} -> {within(s.after, s.unit, s.interval)}; "
-            "floor, what does not come again: "
+            "floor, which no model could go below: "
             f"{s.floor:.3g}; closed {round(100 * s.closed)} % of what is above it",
             "  ",
         )
@@ -264,7 +265,7 @@ class Diagnosis(Displayed):
             lines.append(f"  of which the controller, put right: {s.corrected:.3g} {s.unit}")
         if s.held_out and self.effects:
             frozen = within(s.after_frozen, s.unit, s.interval_frozen)
-            lines.append(f"  with the other record's base parameters: {frozen}")
+            lines.append(f"  with the first record's base parameters: {frozen}")
         if s.judged is not None:
             lines += _wrapped(s.judged.said(s.unit), "  ")
         return lines

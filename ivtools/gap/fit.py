@@ -84,7 +84,7 @@ class Fit:
         """
         if self.fold.both is None:
             return self
-        step = steps(self.fold, self.loop, Scales(self.fold.record, self.loop))
+        step = steps(self.loop, Scales(self.fold.record, self.loop))
         return gauss_newton(self.fold.common, self.loop, self.values, self.free, step, AGAIN)
 
     @cached_property
@@ -143,7 +143,7 @@ def of_effect(values: Mapping[str, float], effect: str) -> dict[str, float]:
     return {n.partition(".")[2]: v for n, v in values.items() if n.startswith(f"{effect}.")}
 
 
-def steps(fold: Fold, loop: ClosedLoop, scales: Scales) -> dict[str, float]:
+def steps(loop: ClosedLoop, scales: Scales) -> dict[str, float]:
     """Return the finite-difference step of every parameter of a loop."""
     out = {}
     for term in loop.terms:

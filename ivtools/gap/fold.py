@@ -1,4 +1,4 @@
-"""Fold: a stretch of a record on which a loop is judged.
+"""Fold: the samples of a record that are compared, and the noise in them.
 
 The gap is measured on the command, in units of force: in closed loop the controller hides a model
 error from the position. A fold knows which samples count and how the noise is coloured, and turns

@@ -25,11 +25,11 @@ _TONES: dict[str, Literal["good", "doubt", "bad"]] = {
 }
 _RECORD = (
     "Force measured and simulated before and after, their error, position and velocity; shaded: "
-    "what stands out once and does not come again."
+    "single stretches far above the noise."
 )
 _RECORD_ALONE = (
-    "Force measured and simulated, its error, position and velocity; shaded: what stands out once "
-    "and does not come again."
+    "Force measured and simulated, its error, position and velocity; shaded: single stretches far "
+    "above the noise."
 )
 _WHERE = (
     "What counts: not the transient at the start, the command at its limit, standstill, or the "
@@ -41,7 +41,7 @@ _ASKED = {
     "unexplained": "See below where the error sits; an effect of your own can take part (extra).",
     "non-repeatable": "Record the same motion again, with nothing changed in between.",
 }
-_REPLICATES = {True: "yes", False: "no", None: "one side only"}
+_REPLICATES = {True: "yes", False: "no", None: "not compared"}
 
 
 def page(diagnosis: Diagnosis) -> Page:
@@ -167,7 +167,7 @@ def _card(diagnosis: Diagnosis) -> Card:
         )
         if s.held_out and diagnosis.effects:
             frozen = quantity(s.after_frozen, s.unit, 3)
-            facts.append(("With the other record's base parameters", frozen))
+            facts.append(("With the first record's base parameters", frozen))
         facts.append(("Floor", quantity(s.floor, s.unit, 3)))
     verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
     if s is None:
@@ -224,7 +224,7 @@ def gap_text(diagnosis: Diagnosis) -> list[str]:
     """Return the gap before and after in a sentence or two."""
     s = diagnosis.shrink
     if s is None:
-        return ["No effect was looked for: the record or the axis file is at fault."]
+        return ["Nothing was simulated: the record or the axis file must be looked at first."]
     judge = "another record" if s.held_out else "stretches of the record that they were not fitted"
     text = (
         f"The simulated force is {s.before:.3g} {s.unit} rms off the measured one, "
@@ -247,7 +247,7 @@ def _handed_over(s: Shrink) -> str:
         return ""
     low, high = s.interval_frozen
     return (
-        f" With the base parameters of the record it is {s.after_frozen:.3g} {s.unit} "
+        f" With the first record's base parameters it is {s.after_frozen:.3g} {s.unit} "
         f"({low:.3g} to {high:.3g})."
     )
 
@@ -257,13 +257,13 @@ def _nothing(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.effects:
         return []
     if diagnosis.verdict == "adequate":
-        return ["Nothing is named: what is left is not more than the measurement itself differs."]
+        return ["Nothing is named: what is left is within the noise, or negligible."]
     best = next(iter(diagnosis.ranking), None)
-    most = "" if best is None else f", {best.effect} {100 * best.closed:.0f} %"
-    return [
-        "Nothing is named: no effect that is known closes the gap well enough in both parts of the "
-        f"data. What each closes by itself is listed all the same{most} the most."
-    ]
+    told = ["Nothing is named: no known effect passed every test on held-out data."]
+    if best is not None:
+        most = f"{best.effect} {100 * best.closed:.0f} % the most"
+        told.append(f"What each closes by itself is listed all the same, {most}.")
+    return [" ".join(told)]
 
 
 def _controller(s: Shrink) -> str:

@@ -8,6 +8,7 @@ behind the command.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -126,7 +127,7 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
     """
     signals = Signals(record, loop)
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
-    limit, at_limit = _limit(signals, loop.controller)
+    signals, limit, at_limit = _limit(signals, loop.controller)
     free = ~at_limit
     delay, fitted, tvalues = _best_delay(signals, loop.controller, free)
     kept = _material(signals, loop.controller, delay, fitted, tvalues, free)
@@ -217,6 +218,12 @@ class Signals:
         self.limit = loop.controller.limit  # at which the record was clipped
         self.least = AT_LIMIT * self.limit  # from which it sits there
 
+    def limited(self, limit: float, least: float) -> Signals:
+        """Return the same of a record that was clipped there, and sits there from `least` on."""
+        other = copy(self)
+        other.limit, other.least = limit, least
+        return other
+
     def seen(self, controller: Controller) -> Seen:
         """Return the inputs of a law, and what it gave."""
         return Seen.of(controller, self.record, self.whole, self.joint)
@@ -245,8 +252,10 @@ class Signals:
         return self.command - expected - (1.0 + added) * self.added
 
 
-def _limit(signals: Signals, controller: Controller) -> tuple[float | None, NDArray[np.bool_]]:
-    """Return a limit that nobody declared, and where the command sits at any limit.
+def _limit(
+    signals: Signals, controller: Controller
+) -> tuple[Signals, float | None, NDArray[np.bool_]]:
+    """Return signals that know their limit, one that nobody declared, and where they sit at any.
 
     The top of a command that was measured, as a current is, is as flat as its noise lets it.
     """
@@ -256,13 +265,12 @@ def _limit(signals: Signals, controller: Controller) -> tuple[float | None, NDAr
         at_top = own > least
         if at_top.sum() < LIMIT_SAMPLES:
             continue
-        signals.limit, signals.least = min(level, controller.limit), least
-        cut = at_top & _cut(signals, controller, level)[0]
+        found = signals.limited(min(level, controller.limit), least)
+        cut = at_top & _cut(found, controller, level)[0]
         if cut.sum() >= LIMIT_SAMPLES and cut.sum() > CUT_SHARE * at_top.sum():
             declared = largest >= AT_LIMIT * controller.limit
-            return None if declared else level, at_top
-    signals.limit, signals.least = controller.limit, AT_LIMIT * controller.limit
-    return None, own >= signals.least
+            return found, None if declared else level, at_top
+    return signals, None, own >= signals.least
 
 
 def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float, float]:
@@ -272,8 +280,7 @@ def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float,
     command is near its largest.
     """
     largest = float(np.max(own))
-    signals.limit, signals.least = largest, NEAR_TOP * largest
-    cut, law = _cut(signals, controller, largest)
+    cut, law = _cut(signals.limited(largest, NEAR_TOP * largest), controller, largest)
     if cut.sum() < LIMIT_SAMPLES:
         return largest, np.inf
     level, noise = float(np.median(own[cut])), stats.median_abs_deviation(own[cut])

@@ -54,8 +54,8 @@ class Judged:
     def said(self, unit: str) -> str:
         """Return the errors, N or N m, as a sentence."""
         return (
-            f"on {self.record}, which took part in nothing: {self.before:.3g} -> "
-            f"{within(self.after, unit, self.interval)}; with the other record's base parameters: "
+            f"on {self.record}, which only judges: {self.before:.3g} -> "
+            f"{within(self.after, unit, self.interval)}; with the first record's base parameters: "
             f"{within(self.after_frozen, unit, self.interval_frozen)}"
         )
 
@@ -79,7 +79,7 @@ class Shrink:
     held_out : bool
         Whether another record judged; else blocks of the same one.
     after_frozen : float
-        As `after`, but the base parameters are those of the other record: the model as it would
+        As `after`, but the base parameters are those of the first record: the model as it would
         be handed over. `after` tunes them again, which judges the structure alone.
     interval_frozen : tuple of float
         95 % interval of `after_frozen`, by blocks.
@@ -166,42 +166,38 @@ class Traces:
 def declared(loop: ClosedLoop, measured: tuple[Measured, ...]) -> Fit:
     """Fit the loop as it was given, on the record that judges."""
     last = measured[-1]
-    record = last.base.fold.record
-    if not last.driven and last.parity.mismatch.get("added"):
-        added = np.asarray(record.added) / (1.0 + last.parity.mismatch["added"])
-        record = replace(record, added=added)
-    fold = replace(last.side.fold, record=record)
-    step = steps(fold, loop, last.side.scales)
+    fold = replace(last.side.fold, record=last.logged)
+    step = steps(loop, last.side.scales)
     return gauss_newton(fold, loop, last.base.values, last.base.free, step)
 
 
 def how_far(
-    declared: Fit,
+    plain: Fit,
     measured: tuple[Measured, ...],
     result: Attribution,
-    judge: Fold,
+    fold: Fold,
     held_out: bool,
 ) -> tuple[Shrink, Traces]:
     """Return how far the gap closes, and the signals that show it."""
     tuned = result.held[-1] if result.named or len(measured) == 1 else measured[-1].base
-    after = replace(tuned, fold=judge)
-    if judge.doubt is not None and tuned.fold.n_kept < judge.n_kept:
+    after = replace(tuned, fold=fold)
+    if fold.doubt is not None and tuned.fold.n_kept < fold.n_kept:
         # what is likeliest of the load hangs together with them, on all that is judged
-        step = steps(judge, tuned.loop, measured[-1].side.scales)
-        after = gauss_newton(judge, tuned.loop, tuned.values, tuned.free, step, RETUNED)
-    before = replace(declared, fold=replace(declared.fold, keep=judge.keep))
+        step = steps(tuned.loop, measured[-1].side.scales)
+        after = gauss_newton(fold, tuned.loop, tuned.values, tuned.free, step, RETUNED)
+    before = replace(plain, fold=replace(plain.fold, keep=fold.keep))
     still = replace(after, values=_handed_over(result.fits[0], after))
     level = measured[-1].floor
     plain_base = result.base[-1] if len(measured) == 1 else measured[-1].base
-    corrected = replace(plain_base, fold=judge)
+    corrected = replace(plain_base, fold=fold)
     shrink = quantify(before, corrected, after, still, _reachable(level, after), held_out)
-    record = judge.record
+    record = fold.record
     e0, e1 = (
         before.fold.force_error(before.loop, before.values),
         after.fold.force_error(after.loop, after.values),
     )
     force = after.loop.force(record)[:, 0]
-    return shrink, Traces(record, judge.keep, force, e0, e1, _spectra(record.dt, e0, e1, level))
+    return shrink, Traces(record, fold.keep, force, e0, e1, _spectra(record.dt, e0, e1, level))
 
 
 def _handed_over(fit: Fit, own: Fit) -> dict[str, float]:
@@ -216,7 +212,7 @@ def judge(loop: ClosedLoop, third: Measured, result: Attribution) -> Judged:
     free = [n for n in fit.free if n in loop.parameters or n in phases(fit.loop)]
     model = replace(fit.loop, controller=third.base.loop.controller)
     start = {**fit.values, **{n: third.base.values[n] for n in third.base.free}}
-    step = steps(third.fold, model, third.side.scales)
+    step = steps(model, third.side.scales)
     after = gauss_newton(third.fold, model, start, free, step)
     still = replace(after, values=_handed_over(fit, after))
     e, kept = after.force_error, still.force_error

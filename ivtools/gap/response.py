@@ -114,7 +114,7 @@ def features(simulation: Simulation) -> Array:
         *_speed(dq, s),
         *_position(x, s),
         *_load(tau, s),
-        *_reversal(dq, s, dt),
+        *_reversal(s, dt),
         *_slow(dq, s),
     ]
     return _scaled(columns)
@@ -204,7 +204,7 @@ def _load(tau: Array, s: Array) -> list[Array]:
     return [np.abs(tau), np.abs(tau) * s, rate, np.gradient(rate), np.abs(rate), np.sign(tau)]
 
 
-def _reversal(dq: Array, s: Array, dt: float) -> list[Array]:
+def _reversal(s: Array, dt: float) -> list[Array]:
     start = np.flatnonzero(np.diff(s, prepend=s[0]) != 0)
     last = np.zeros(len(s))
     last[start] = start

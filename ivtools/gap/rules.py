@@ -82,7 +82,7 @@ LOST = 0.5
 ALONG = 0.9
 #: Share of the time that each direction takes at least (theory: friction against offset).
 ONE_WAY = 0.02
-#: Relative error of a gain beyond which the axis file is wrong, not the axis (physics).
+#: Relative error of a gain from which a finding says that the axis file has another one (physics).
 GROSS_GAIN = 0.15
 #: Command over its declared limit, in `LIMIT_SAMPLES` samples: it is not the limit (numerics).
 OVER_LIMIT = 1.05
@@ -243,7 +243,8 @@ LAG_WINDOW, LARGEST_ROOT = 0.02, 0.999
 FREE = 0.5
 #: Bins of frequency, and least share of the noise in one that fitted columns leave (numerics).
 FREQUENCIES, LEAST_LEFT = 512, 0.25
-#: Median absolute deviations beyond which a window is an event (training: 0 of 100 without).
+#: Robust standard deviations above the median from which a window is an event (training: 0 of 100
+#: without).
 EVENT = 8.0
 #: Least deviation, of the median, in that comparison (theory: chi-square of a short window).
 EVENT_SPREAD = 0.15
@@ -376,9 +377,9 @@ ADEQUATE = 1.12
 #: Samples at which a record is so short that twice that energy may be its noise, badly known: what
 #: comes on top falls with their square (training: 26 healthy records of 1100 to 3000 samples).
 SHORT = 520
-#: Whitened energy at which named effects count as all there is, a little above (training).
+#: Whitened energy from which none of what names leave counts as floor (training).
 ADEQUATE_NAMED = 1.15
-#: Whitened energy below that over which the remainder counts more and more as floor (training).
+#: And how far below that all of it does (training).
 ALL_LEFT = 0.1
 #: Correlation of what two effects change from which they are one law to first orders (judgement).
 TWIN = 0.98
@@ -401,7 +402,7 @@ EQUALLY = 1.05
 AT_FIRST = 2
 #: Of the best gain in the screening: what is below is not its rival (training).
 RIVAL = 0.35
-#: An effect is fitted if the screening gives it this share of the least gain of a name (training).
+#: Of the gain of `Rules.steady`: an effect is fitted if the screening gives it more (training).
 WORTH_A_FIT = 0.4
 #: Share of a record unexplained by smooth laws that points to a second mass (training).
 ROUGH = 0.1
@@ -419,8 +420,7 @@ SLIGHT = 0.3
 #: Of the gap: what removes it on both folds, and fails for what else is in the gap, is tried with
 #: another effect beside it (training: position-friction and a spring, 0.37 and 0.36).
 LEADING = 0.3
-#: Of the gap: what removes it and has no name is supposed to be there, and where that much of it
-#: lies, it lies (definition: most of it).
+#: Most of anything: more than half of it (definition).
 MOST = 0.5
 #: Draws of the bootstrap of the p values (theory: resolves 0.002).
 DRAWS = 500
@@ -438,7 +438,7 @@ WEIGHTS = {
     "surpassed": -1.75,
     "evenness": 2.18,
 }
-#: Power of what a name leaves at which it spreads the amplitudes of the blocks, whatever the name
+#: Exponent by which energy that a name leaves excuses uneven amplitudes of the blocks
 #: (training, the same names: 1, 1.5 and 2 do equally well, 0 does not).
 UNEVEN_LEFT = 1.5
 #: Energy that is left from which it excuses no more of that (training: three smooth forces of
@@ -488,8 +488,8 @@ LEAST_KNOTS, MOST_KNOTS = 8, 64
 #: position must have it of all that smooth laws and the line remove (training: 0.51 to 0.97 of
 #: twelve lines beside a real background or a nameless force, 0.30 to 0.51 of four that were bumps).
 UNLIKE_SMOOTH = 0.5
-#: Share of what an effect changes that a force without a name, fitted beside it, must not have, and
-#: the factor by which its amplitude there may differ from that by itself (training: of 30 names of
+#: Share of an effect that a force without a name, fitted beside it, leaves at least, and the factor
+#: by which its amplitude there may differ from that by itself (training: of 30 names of
 #: forces without one, which replicate by themselves, two are inside; of 25 true ones, lost behind
 #: something else, ten).
 UNSHARED, AS_LARGE = 0.05, 1.67
@@ -529,7 +529,8 @@ TO_ZERO = 0.1
 ALIKE = 1e-10
 #: Whitened energy from which what is left is worth a description (theory: half the floor, 1.25).
 DESCRIBED = 1.05
-#: Block t value of the energy that it saves on held-out data (training).
+#: Block t value of the energy that it saves on held-out data (training). What else saves as much
+#: and has no name is an alternative.
 DISCREPANCY_T = 3.0
 #: Share of that energy from which fewer blocks are enough, and their t value (as of dominant
 #: effects: what depends on the load shows where the axis accelerates).
@@ -553,9 +554,9 @@ DISCREPANCY_SIZE = 0.1
 EXPLAINED = 0.9
 #: Per cent of the force below which a gap is negligible, unless a user says otherwise (taste).
 TOLERANCE = 2.0
-#: Of the tolerance: stretches that stand out by less of the force are none (judgement: 32 withheld
-#: bursts stand out by 1.6 to 45 % of it; where the noise is a thousandth, MuJoCo's dry friction,
-#: which is never quite dry, by 0.1 %).
+#: Of the tolerance, up to `TOLERANCE`: stretches that stand out by less are none (judgement: 32
+#: withheld bursts stand out by 1.6 to 45 % of the force; where the noise is a thousandth, MuJoCo's
+#: dry friction, which is never quite dry, by 0.1 %).
 AUDIBLE = 0.5
 #: Of the tolerance: what is left above the floor where the whole error is below it, and the model
 #: adequate (judgement: half a step of MuJoCo's own, a twentieth of a sample, makes 0.2 %).
@@ -569,7 +570,8 @@ CHANGED_T = 6.0
 CHANGED_BY = 0.05
 #: Frozen over re-tuned energy that speaks of a changed setting (training).
 CHANGED = 1.5
-#: Whitened energy that is left where a gap is repeatable (training).
+#: Whitened energy up to which a model reproduces a record, so that its base parameters are the
+#: axis's (training).
 STEADY = 1.3
 #: Share of a record outside the other one's range that is worth a remark (taste).
 REMARK = 0.03
@@ -579,16 +581,16 @@ FEW_EDGES = 0.05
 CONFIDENCE = 0.95
 #: Blocks at least, also of a short stretch, for the interval of an error (theory).
 LEAST_BLOCKS = 10
-#: Share of the force error by which a name lowers it at least (judgement: of two false names, on a
-#: healthy arm and a healthy axis with encoder noise, the larger lowered it by 0.0005).
+#: Share of the force error by which all names lower it at least (judgement: of two false names, on
+#: a healthy arm and a healthy axis with encoder noise, the larger lowered it by 0.0005).
 FAINT = 0.005
-#: Whitened energy from which a name need not: fast noise is most of the force error, and the effect
+#: Whitened energy from which they need not: fast noise is most of the force error, and the effect
 #: stands out of it (judgement: of those two the larger removed 0.02).
 HEARD = 0.05
 #: Share of the gap below which an effect closes nothing by itself (training).
 NOTHING_ALONE = 0.02
-#: Share of the reducible gap whose names need no other answer to be compared with, and beside which
-#: no second mass is looked for until what does it is named (training).
+#: Closed share of the reducible gap from which no other answer and no second mass is looked for
+#: (training).
 ALL_CLOSED = 0.97
 #: Of the error before: what the corrected controller leaves, worth a line of its own (taste).
 CORRECTED = 0.98
@@ -679,7 +681,8 @@ class Rules:
     Parameters
     ----------
     everywhere : Threshold
-        For effects that any axis shows a little of: they must be a good part of the gap.
+        For effects that any axis shows a little of: they must be a good part of the gap. Also for
+        any that another one may hide (`LEADING`).
     periodic : Threshold
         For effects periodic over position: many periods are tried, so they must stand out.
     other : Threshold
@@ -701,12 +704,13 @@ class Rules:
     equivalence : float
         Two effects are equivalent if their gains differ by less than this share.
     equivalence_open : float
-        The same where a gap is left in the end, which may decide between them.
+        The same where a gap is left in the end, which may decide between them; and the margin of
+        the largest gain within which an effect qualifies.
     equivalence_law : float
         The same against one law of the state, or of use, that has no name and explains all that the
         names do (training: friction over position, a sine there and a parabola in the library,
         falls short of such a law by 0.009 to 0.016 of the gap; springs and drifts that are no such
-        thing by 0.03 to 0.4).
+        thing by 0.03 to 0.4). And two forms of one law, if their gains differ by less.
     correlation : float
         They are not distinguishable if what they change correlates by more than this as well.
     distinguishable : float
@@ -714,7 +718,7 @@ class Rules:
     distinguishable_several : float
         The same t value where several effects are equivalent: the best form is likelier then.
     refit : int
-        Effects of the screening that are fitted.
+        Effects of the screening that are fitted: so many of all, and of those that last.
     most : int
         Most effects in a combination.
     similar : float

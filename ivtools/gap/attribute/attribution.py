@@ -61,7 +61,7 @@ class Attribution:
     full : tuple of Fit
         As `held`, with the effects that were taken back because their names were doubtful.
     supposed : Supposed, optional
-        What most of the gap is without, where nothing is named.
+        An effect that removes most of the gap and yet has no name, where nothing has one.
     """
 
     base: tuple[Fit, ...]
@@ -127,7 +127,7 @@ class Attribution:
 
     @cached_property
     def doubtful(self) -> tuple[str, ...]:
-        """Names that are hardly more often right than wrong, slight further ones, and empty ones.
+        """Names that are not `LIKELY`, further ones that remove little, and empty ones.
 
         What removes little beside what all of them leave may be more of that.
         """
@@ -152,7 +152,7 @@ class Attribution:
     def proof(self, r: Round, trial: Trial) -> Evidence:
         """Return what speaks for one of the effects that were tried in a round."""
         others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
-        found = weigh(trial, others, self.base, self.full or self.held)
+        found = weigh(trial, others, self.base, self.rules, self.full or self.held)
         if trial.name == r.measured:
             return replace(found, unlike=1.0)
         return replace(found, surpassed=trial.name in self.surpassed)

@@ -50,8 +50,8 @@ class Evidence:
     left : float
         Whitened energy that it and the effects named before it leave; 1 is the floor.
     explained : float
-        Share of the whole reducible gap that no law without a name is needed for: named effects
-        remove it, or smooth laws of the state leave it as well.
+        Share of the whole reducible gap that named effects remove, or that smooth laws of the state
+        could not remove either.
     unlike : float
         Share of its gain that no smooth law of the state could have, known or not; 0 to 1. What a
         further sensor in the law has measured is no function of the state: 1.
@@ -108,6 +108,7 @@ def evidence(
     trial: Trial,
     rivals: Sequence[Trial],
     base: Sequence[Fit],
+    rules: Rules,
     held: Sequence[Fit] = (),
 ) -> Evidence:
     """Return what speaks for the effect of a trial.
@@ -119,6 +120,7 @@ def evidence(
         What else was tried in the same round, and is distinguishable from it.
     base : sequence of Fit
         The model without any effect.
+    rules : Rules
     held : sequence of Fit
         The model with all that is named; without it, all that is left may yet get a name.
     """
@@ -133,7 +135,7 @@ def evidence(
         explained=1.0 - max(cost(held) - max(lawless(base), UNNAMED), 0.0) / whole if held else 1.0,
         unlike=trial.unlike,
         evenness=trial.evenness(held) if held else 1.0,
-        apart=trial.apart and float(np.min(trial.gains)) >= Rules.rough.gain,
+        apart=trial.apart and float(np.min(trial.gains)) >= rules.rough.gain,
     )
 
 
@@ -182,20 +184,21 @@ def weigh(
     trial: Trial,
     others: Sequence[Trial],
     base: tuple[Fit, ...],
+    rules: Rules,
     held: tuple[Fit, ...] = (),
 ) -> Evidence:
     """Return the evidence for an effect; where it leaves doubt, also whether the effect stands.
 
     What does not stand beside a force without a name is no rival of what does.
     """
-    found = evidence(trial, others, base, held)
+    found = evidence(trial, others, base, rules, held)
     if probability(found) >= LIKELY or (found.outdone and found.little):
         return found
     laws = Laws.of(common(base))
     if not trial.stands(laws):
         return found
     rivals = [t for t in others if t.gain > trial.gain and t.stands(laws)]
-    return replace(evidence(trial, rivals, base, held), stands=True)
+    return replace(evidence(trial, rivals, base, rules, held), stands=True)
 
 
 def cost(fits: Sequence[Fit]) -> float:

@@ -49,8 +49,9 @@ def names_kept(
 ) -> Kept:
     """Return how many names are kept, and how many of them tell more than a force without a name.
 
-    Of the numbers of names whose remainder that force predicts as well as the best, within a
-    standard error, the largest is taken that the force without a name does not outdo by itself.
+    That force is fitted to what each number of names leaves. The largest number is taken that
+    predicts held-out data as well as the best one, within a standard error, unless the force does
+    better by itself.
     Those beyond it need better evidence than the others, and have no name if that force is a law of
     one signal. The first is none of them if a further sensor in the law has measured it, for that
     is no guess: `least` is 1 then. What changes with use changes with time as well: an effect of

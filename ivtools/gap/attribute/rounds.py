@@ -1,7 +1,7 @@
 """Rounds: one more effect is looked for, among all that the screening leaves in question.
 
-What passes its threshold on held-out data qualifies, in both directions, in most of the blocks; the
-largest gain gets the name, and what is not distinguishable from it is said to be so.
+What passes its threshold on held-out data qualifies, in both directions; the largest gain gets the
+name, and what is not distinguishable from it is said to be so.
 """
 
 from __future__ import annotations

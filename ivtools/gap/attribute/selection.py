@@ -1,9 +1,9 @@
 """Attribute: which of the effects are named, judged on data they were not fitted to.
 
 An effect is fitted on one fold, frozen, and the base parameters are tuned again on the other fold.
-It is named when it removes a material share of the gap there, in both directions, in most of the
-blocks, and does there nearly what its own fit would do: an effect that replicates. Rounds of a
-forward selection add one effect each; a backward pass drops what a later one made superfluous.
+It is named when it removes a material share of the gap there, in both directions, by more than its
+blocks differ, and does there nearly what its own fit would do: an effect that replicates. Rounds
+of a forward selection add one effect each; a backward pass drops what a later one made superfluous.
 """
 
 from __future__ import annotations
@@ -241,7 +241,7 @@ def _beside_others(
     anew = []
     for name in result.doubtful:
         other = next(t for n, (_, t) in result._winners.items() if n != name)
-        fewer = tuple(threaded(_without, sides, result.fits, (name, name)))
+        fewer = _without(sides, result.fits, name)
         others = replace(other, fits=fewer, held=frozen(sides, fewer), before=result.base)
         alike = (t.name for t in result._rivals(result._winners[name][0]))
         before = replace(result.rounds[0], qualified=(others,), measured="")
@@ -268,7 +268,7 @@ def _withdrawn(
         fits, held = trial.fits, trial.held
     else:
         for name in doubtful:
-            fits = tuple(threaded(_without, sides, fits, (name, name)))
+            fits = _without(sides, fits, name)
         held = frozen(sides, fits)
     return replace(result, fits=fits, held=held, named=named, full=result.held)
 
@@ -282,7 +282,7 @@ def _doubtful(
     """
     rivals = last.rivals(rules, cost(best.held))
     others = [t for t in last.trials if t not in (best, *rivals)]
-    found = (weigh if asked else evidence)(best, others, base)
+    found = (weigh if asked else evidence)(best, others, base, rules)
     return probability(found) < LIKELY
 
 
@@ -301,7 +301,7 @@ def _backward(
         gap = float(np.mean([b.cost - h.cost for b, h in zip(base, held, strict=True)]))
         if min(_lost(f, name) for f in fits) > SURELY_NEEDED * SUPERFLUOUS * gap:
             continue
-        fewer = tuple(threaded(_without, sides, fits, (name, name)))
+        fewer = _without(sides, fits, name)
         judged = frozen(sides, fewer)
         loss = np.mean([j.cost - h.cost for j, h in zip(judged, held, strict=True)])
         if loss < SUPERFLUOUS * gap:
@@ -330,11 +330,17 @@ def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:
     return rest >= min(CLEAN, MORE * floor) or rest - floor > (1.0 - ENOUGH) * (cost(base) - 1.0)
 
 
-def _without(side: Side, fit: Fit, name: str) -> Fit:
-    terms = tuple(t for t in fit.loop.terms if t.name != name)
-    known = {n for t in terms for n in t.names}
-    start = {k: v for k, v in fit.loop.start.items() if k in known}
-    loop: ClosedLoop = replace(fit.loop, terms=terms, start=start)
-    values = {n: v for n, v in fit.values.items() if n in known}
-    free = [n for n in fit.free if n in known]
-    return gauss_newton(side.fold, loop, values, free, steps(side.fold, loop, side.scales))
+def _without(sides: tuple[Side, ...], fits: tuple[Fit, ...], name: str) -> tuple[Fit, ...]:
+    """Return the model without one of its effects, fitted to each fold from where it was."""
+
+    def one(side: Side, fit: Fit) -> Fit:
+        """Return that of one fold."""
+        terms = tuple(t for t in fit.loop.terms if t.name != name)
+        known = {n for t in terms for n in t.names}
+        start = {k: v for k, v in fit.loop.start.items() if k in known}
+        loop: ClosedLoop = replace(fit.loop, terms=terms, start=start)
+        values = {n: v for n, v in fit.values.items() if n in known}
+        free = [n for n in fit.free if n in known]
+        return gauss_newton(side.fold, loop, values, free, steps(loop, side.scales))
+
+    return tuple(threaded(one, sides, fits))

@@ -1,4 +1,4 @@
-"""Attempt: an effect is fitted on each fold, and its values judge on the other one."""
+"""Attempt: an effect is fitted on each fold, and tried as it is on the other one."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _onwards(side: Side, own: Fit, held: Fit) -> Fit:
     """Return a fit, or the one that goes on from the other fold's effect where that is better."""
     if own.cost <= held.cost:
         return own
-    step = steps(side.fold, own.loop, side.scales)
+    step = steps(own.loop, side.scales)
     return gauss_newton(side.fold, own.loop, held.values, own.free, step)
 
 
@@ -75,7 +75,7 @@ def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
     it should have been would be in all others. Contacts are rough: differences that are wide enough
     to look across what is rough lose sight of the bottom, so the last steps take narrow ones.
     """
-    step = steps(side.fold, own.loop, side.scales)
+    step = steps(own.loop, side.scales)
     from_other = {**own.values, **{n: other.values[n] for n in term.names}}
     pairs = zip(term.names, term.parameters, strict=True)
     loose = (n for n, p in pairs if p.nuisance and p.lower < own.values[n] < p.upper)
@@ -113,7 +113,7 @@ def _retuned(side: Side, fit: Fit, own: Fit) -> Fit:
     base = side.scales.loop.parameters  # as declared, its own effects with it
     free = [n for n in fit.free if n in base or n in turned]
     start = {**fit.values, **{n: own.values[n] for n in turned}}
-    step = steps(side.fold, fit.loop, side.scales)
+    step = steps(fit.loop, side.scales)
     smooth = not any(t.search == "valleys" for t in fit.loop.terms)
     near = own if smooth and own.fold is side.fold else None
     return gauss_newton(side.fold, fit.loop, start, free, step, RETUNED, near)
@@ -132,7 +132,7 @@ def _extended(side: Side, fit: Fit, term: Term, begin: list[Point]) -> Fit:
     for values in begin:
         base = beginning(fit, term, values)
         loop = fit.loop.with_effect(term, **values)
-        step = steps(side.fold, loop, side.scales)
+        step = steps(loop, side.scales)
         free = [*fit.free, *_free(term, values)]
         new = gauss_newton(side.fold, loop, loop.values(base), free, step, near=near)
         if new.cost > fit.cost:  # the base parameters must give way first: begin without it
@@ -153,7 +153,7 @@ def _absent(term: Term) -> dict[str, float]:
 
 def _free(term: Term, values: Mapping[str, float]) -> list[str]:
     own = [p for p in term.parameters if not p.nuisance]
-    if term.search == "valleys":  # none of it is another motion than little: no way leads there
+    if term.search == "valleys":  # what starts at zero stays there: a little is another motion
         own = [p for p in own if values[p.name] != 0.0]
     shaped = term.search == "scan" and term.law is not None
     if shaped or term.search == "either":  # a shape that starts without effect stays there

@@ -72,8 +72,8 @@ def starts(
 def beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, float]:
     """Return the parameters of a model beside which the search for one more effect begins.
 
-    Beside a drive that does not deliver what is asked of it, those that the force which it delivers
-    shows: without the effect they are bent as far as the loop strays.
+    Beside a drive that does not deliver what is asked of it, those that the inverse model shows of
+    the force which it delivers: fitted without the effect they are biased.
 
     A rigid joint that rattles is as heavy as it takes to be jerked; the robot, identified in the
     band of its motion, knows better what it weighs.

@@ -1,4 +1,4 @@
-"""Trial: one effect, fitted on each fold and judged on the other."""
+"""Trial: what an attempt gives: fits of one effect on each fold, and how it does on the other."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class Trial:
     def _beyond(self) -> bool:
         """Whether a parameter is smaller or larger than the effect's name allows on this axis.
 
-        What comes twice in the motion that goes farther is a line.
+        Sizes are those of the record where they are larger: a line comes twice in one of them.
         """
         found = [Scales(fit.fold.record, fit.loop).sizes for fit in self.fits]
         sizes = {k: max(size[k] for size in found) for k in found[0]}
@@ -215,7 +215,7 @@ class Trial:
 
     @property
     def meant(self) -> bool:
-        """Whether its parameters are such that its name says what it is."""
+        """Whether its parameters mean what its name says: none is nothing or at a bound."""
         return self.acts and self.inside and self.same_gap
 
     @property

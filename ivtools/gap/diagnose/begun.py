@@ -1,4 +1,4 @@
-"""A diagnosis that has begun: its base model and floor are known, and nothing is named yet."""
+"""Begun: base model and floor of a diagnosis, and what is named on its records."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Begun:
-    """A diagnosis whose base model is fitted, and nothing named yet."""
+    """A diagnosis whose base model is fitted; what is named is looked for when it is asked."""
 
     task: Task
     loop: ClosedLoop
@@ -162,6 +162,8 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
             prepared(r, p, records)._replace(link=link)
             for r, p, link in zip(records, checked, links, strict=False)
         ]
+        if loop.controller.kind != "none" and any(r.driven for r in ready):
+            found.append(preflight.HELD)
         third = None if task.judge is None else _judging(task.judge, loop, records, links[2])
         loop = _alike(preflight.told_apart(records, loop), ready[0])
         measured = _confirmed(loop, tuple(threaded(measure, ready)))
@@ -261,16 +263,10 @@ def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measur
         ):
             plain = replace(m.base.loop, controller=replace(loop.controller, delay=p.delay))
             p = replace(p, loop=plain, mismatch={}, tvalues={}, after=p.before, taken=False)
-            again = Ready(_as_recorded(m), plain, p, m.fold.place, link=m.fold.link)
+            again = Ready(m.logged, plain, p, m.fold.place, link=m.fold.link)
             m = measure(again)
         kept.append(m)
     return tuple(kept)
-
-
-def _as_recorded(m: Measured) -> Record:
-    """Return the record with its added input as it was logged."""
-    record, extra = m.fold.record, m.parity.mismatch.get("added", 0.0)
-    return record if record.added is None else replace(record, added=record.added / (1.0 + extra))
 
 
 class Attributed(NamedTuple):
@@ -325,14 +321,14 @@ def _alone(begun: Begun) -> Attributed | None:
         name, unmoved = one.fold.record.name, other.fold.record.name
         (sides, base), more = folds((one,)), (begun.rules, extra)
         result = attribute(sides, base, *more, (*task.without, *others))
-        who, but = f"only stretches of {name} tell", "and nothing repeats in the other record"
+        who, but = f"judged on stretches of {name} alone", "nothing replicates between the records"
         if not result.named and silent and one.fold.link is None:
             result = attribute(sides, base, *more, tuple(task.without))
-            who, but = f"only {name} tells", f"the motion of {unmoved} does not show it"
+            who, but = f"judged on {name} alone", f"the motion of {unmoved} does not show it"
             if not _hidden(other, result):
                 continue
         if result.named:
-            said = f"{who} of {', '.join(result.named)}, {but}; record one motion twice to be sure"
+            said = f"{', '.join(result.named)}: {who}, {but}; record one motion twice to be sure"
             single = replace(task, record=one.fold.record, holdout=None)
             own = replace(one, floor=replace(one.floor, between=None))  # they differ by the effect
             found = [*begun.found, Finding(said, fatal=False)]

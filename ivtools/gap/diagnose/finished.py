@@ -57,6 +57,8 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     left = discrepancy.describe(common(result.held), result.laws) if tell else None
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
     bent = repeats >= REPEATS and not shrink.slight(task.tolerance)  # by what has no name
+    likely = dict.fromkeys(at_controller, AT_CONTROLLER)
+    likely |= {n: probability(proof) for n, proof in result.evidence.items()}
     changed = {} if bent else verdict.changes(result, task.tolerance)
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
     nameless = word == "unexplained" and tell and left is None
@@ -87,8 +89,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         replication=result.replication,
         replicas=verdict.replicate(effects, result, checked, rules),
         evidence=result.evidence,
-        probability=dict.fromkeys(at_controller, AT_CONTROLLER)
-        | {n: probability(proof) for n, proof in result.evidence.items()},
+        probability={e: p for e, p in likely.items() if e in effects},
         traces=traces,
         changed=changed,
         discrepancy=left,
@@ -135,5 +136,5 @@ def _lowered(
 def _whole(m: Measured, result: Attribution) -> Fit:
     """Return the final model, fitted to all that counts of the first record."""
     fit, fold = result.fits[0], masked(m).fold
-    step = steps(fold, fit.loop, m.side.scales)
+    step = steps(fit.loop, m.side.scales)
     return gauss_newton(fold, fit.loop, fit.values, fit.free, step)

@@ -57,6 +57,7 @@ _NAMES = {
     "wave": "position (periodic)",
     "swing": "the swing of a load",
 }
+_DIRECTED = {"q", "dq", "load", "state"}  # differ forwards and backwards
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,8 @@ class Discrepancy:
         Of the force beyond what the base parameters make, N or N m.
     unit : str
     over : tuple of str
-        What it depends on, of `smooth.OVER`; direction is in each.
+        What it depends on, of `smooth.OVER`; where one of `_DIRECTED` is among it, on the direction
+        of motion as well.
     gain : float
         Share of the whitened energy left that it removes on held-out data.
     curve : tuple of (float, float, float)
@@ -86,9 +88,10 @@ class Discrepancy:
     def text(self) -> str:
         """What is there, as a sentence."""
         over = ", ".join(_NAMES[n] for n in self.over)
+        each_way = " and direction" if _DIRECTED & {*self.over} else ""
         return (
-            f"a force of {self.rms:.2g} {self.unit} rms repeats over {over} and direction and is "
-            "not among the known effects"
+            f"a force of {self.rms:.2g} {self.unit} rms repeats over {over}{each_way} and is not "
+            "among the known effects"
         )
 
     def to_dict(self) -> dict[str, object]:

@@ -56,6 +56,14 @@ class Measured:
         """Force of the drive, N or N m rms."""
         return self.base.fold.force_rms(self.base.loop)
 
+    @property
+    def logged(self) -> Record:
+        """The record with its added input as it was logged, not as parity found it to act."""
+        record, extra = self.fold.record, self.parity.mismatch.get("added", 0.0)
+        if self.driven or record.added is None or not extra:
+            return record
+        return replace(record, added=record.added / (1.0 + extra))
+
     def beyond(self, fit: Fit) -> float:
         """Return the force error of a fit beyond the noise, in energy, N or N m rms."""
         return float(np.sqrt(max(fit.force_rms**2 - self.floor.noise**2, 0.0)))
@@ -98,7 +106,7 @@ def measure(ready: Ready) -> Measured:
         values = {**values, "inertia": rough_inertia(loop, record)}
     heard = response.measure(loop, record, values)
     fold = Fold(record, usable(record, loop), np.ones(1), heard, record.name, place, ramp)
-    step = steps(fold, loop, scales)
+    step = steps(loop, scales)
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
     fit = gauss_newton(fold, loop, values, free, step)
     left = fold.force_error(loop, fit.values)
@@ -135,9 +143,9 @@ def audible(m: Measured, least: float) -> Measured:
 
 
 def beside_silent(m: Measured, other: Measured, least: float) -> Measured:
-    """Return a record that knows whether the other one shows nothing that its model lacks.
+    """Return a record whose events happened once, if the other one was there and shows no gap.
 
-    Nothing but noise, or less than a share of the force, where it has been as well.
+    Nothing but noise, or less than a share of the force.
     """
     silent = other.base.cost < ADEQUATE or other.beyond(other.base) < least * other.force
     if not silent or other.floor.events or not m.floor.event_mask.any():
@@ -151,7 +159,7 @@ def masked(m: Measured) -> Measured:
     if not m.floor.isolated:
         return m
     fold = m.fold.only(~m.floor.event_mask, m.fold.label)
-    step = steps(fold, m.base.loop, m.side.scales)
+    step = steps(m.base.loop, m.side.scales)
     fit = gauss_newton(fold, m.base.loop, m.base.values, m.base.free, step, AGAIN)
     return replace(m, side=replace(m.side, fold=fold, rough=0.0), base=fit)
 
@@ -188,7 +196,7 @@ def folds(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit, 
     for label, half_keep in (("part 1", first), ("part 2", ~first)):
         half = fold.only(half_keep, label)
         side = replace(only.side, fold=half)
-        step = steps(half, only.base.loop, side.scales)
+        step = steps(only.base.loop, side.scales)
         sides.append(side)
         fits.append(
             gauss_newton(half, only.base.loop, only.base.values, only.base.free, step, AGAIN)

@@ -18,9 +18,10 @@ from .findings import (
 )
 from .hanging import Hanging, hanging
 from .plausible import doubts
-from .pull import adrift, followed, lawless, pulled, rings
+from .pull import HELD, adrift, followed, lawless, pulled, rings
 
 __all__ = [
+    "HELD",
     "Finding",
     "Hanging",
     "adrift",

@@ -106,7 +106,7 @@ def identified(record: Record, loop: ClosedLoop) -> list[Finding]:
     if loop.controller.kind != "identify":
         return []
     law = loop.known(record).notes[-1]
-    text = f"{law}; the record that a law was fitted to cannot say whether it is the right one"
+    text = f"{law}; it was fitted to this record, which therefore cannot confirm it"
     return [Finding(text, fatal=False)]
 
 
@@ -221,8 +221,12 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     if parity.taken and parity.loop.controller.kind != loop.controller.kind:
         text = f"the record shows {described(parity.loop.controller)}; the axis file says kind "
         return [Finding(f"{text}{loop.controller.kind}: {on}{_remains(parity)}", fatal=False)]
+    own = {k: v for k, v in parity.mismatch.items() if k != "added"}
+    if parity.trustworthy and "added" in gross and not own and not parity.taken:
+        text = f"the added input acts with {1.0 + gross['added']:.3g} times its recorded size"
+        return [Finding(f"{text}; the diagnosis goes on with that: check its unit", fatal=False)]
     if parity.trustworthy:
-        text = _changes(loop.controller, {k: v for k, v in parity.mismatch.items() if k != "added"})
+        text = _changes(loop.controller, own)
         text = f" ({text})" if text else f" ({described(parity.loop.controller)})"
         text = f"the record shows other controller settings than the axis file{text}; {on}"
         return [Finding(f"{text}{_remains(parity)}", fatal=False)]
@@ -330,8 +334,9 @@ def explain_command(parity: Parity) -> str:
     if parity.read is not None:
         best = sorted(parity.read.kinds.items(), key=lambda kind: -kind[1])
         listed = ", ".join(f"{kind} {r2:.2f}" for kind, r2 in best)
-        tried = f"; no kind of law explains it either, R2: {listed}{_remains(parity)}; matrices of "
-        tried += "a state-space law are not looked for: state them if it is one"
+        tried = f"; no kind of law that was fitted is good enough either, R2: {listed}"
+        tried += f"{_remains(parity)}; matrices of a state-space law are not looked for: state them"
+        tried += " if it is one"
     left = 100.0 * parity.after
     return (
         f"the control law does not give the recorded command: it differs by {left:.0f} % of it; "

@@ -95,7 +95,7 @@ def wrong_unit(record: Record, loop: ClosedLoop, parity: Parity) -> str:
     if factor < 0.0:
         text = "the recorded command has the opposite sign of what the controller gives"
         return f"{text}; check the sign of nu, or of q and q_ref"
-    guess = looks_like(factor, loop.joint, "q and q_ref") if factor < 1.0 else ""
+    guess = looks_like(factor, loop.joint, "q and q_ref")
     if abs(factor / 1000.0 - 1.0) < UNIT_NEAR:
         guess = "as if nu were in mV; give V"
     absurd = not 1.0 / ABSURD < factor < ABSURD

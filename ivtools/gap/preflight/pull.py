@@ -19,6 +19,16 @@ from ...record import Record
 from ..rules import MARGIN, PULL_DAMPING, PULL_HZ, PULL_RATE
 from .findings import Finding
 
+_HELD = (
+    "the model is driven by the recorded command, and a soft spring and damper hold it to the "
+    "measured motion: their force is the gap"
+)
+#: Of a velocity loop that `rings`.
+HELD = Finding(
+    f"the velocity loop hardly has a phase margin, so that small errors would ring on: {_HELD}",
+    fatal=False,
+)
+
 
 def followed(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
     """Return a record with a position to follow, and what to say of it.
@@ -31,11 +41,7 @@ def followed(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
         If the law follows a position and the record has none.
     """
     if loop.controller.kind == "none":
-        text = (
-            "no controller: the model is driven by the recorded command and pulled to the measured "
-            "motion, softly; the gap is the force of the pull"
-        )
-        return record.replace(q_ref=record.q), [Finding(text, fatal=False)]
+        return record.replace(q_ref=record.q), [Finding(f"no controller: {_HELD}", fatal=False)]
     if record.q_ref is not None:
         return record, []
     if loop.controller.needs_position or record.dq_ref is None:

@@ -68,7 +68,9 @@ def against(
         best = diagnose(*_records(shown), loop) if surplus else best
         return _of_simulator(best, shown, surplus, own, rules)
     if found.effects:
-        found = replace(diagnose(*_records(lacking), loop, named=False), verdict="adequate")
+        plain = diagnose(*_records(lacking), loop, named=False)
+        slight = plain.shrink and plain.shrink.gap < SECOND_ORDER * _parted(lacking[-1], loop)
+        found = replace(plain, verdict="adequate") if slight else plain
     return _of_simulator(found, lacking, False, own, rules)
 
 
@@ -128,7 +130,8 @@ def _of_simulator(
         made = {name: c for name, c in made.items() if not name.startswith(f"{SWINGS}.")}
     alike = {} if fit is None or surplus else twins(fit, pairs[0], rules)
     whose = "the simulator has and the axis lacks" if surplus else "your simulator lacks"
-    what = ", ".join(found.effects) or "nothing but other parameters"
+    none = "nothing but other parameters" if found.verdict == "adequate" else "nothing with a name"
+    what = ", ".join(found.effects) or none
     told = [f"{whose}: {what}", *(_either(name, found, alike[name]) for name in alike)]
     if swings and f"{SWINGS}.frequency_hz" in pairs[0].base.params:
         hz = quantity(float(pairs[0].base.params[f"{SWINGS}.frequency_hz"]), "Hz")

@@ -142,7 +142,7 @@ def _tuned(fit: Fit, values: Mapping[str, float], without: Collection[str] = ())
     """Return a fit that goes on from given values, some of them no longer free."""
     scales = Scales(fit.fold.record, fit.loop)
     free = [name for name in fit.free if name not in without]
-    step = steps(fit.fold, fit.loop, scales)
+    step = steps(fit.loop, scales)
     return gauss_newton(fit.fold, fit.loop, {**fit.values, **values}, free, step)
 
 
@@ -222,7 +222,7 @@ def twins(fit: Fit, pair: Difference, rules: Rules) -> dict[str, dict[str, dict[
 def _as_well(fit: Fit, frozen: Fit, term: Term, rules: Rules) -> dict[str, float] | None:
     """Return the values of an effect that does as well as a change; None if it does not."""
     loop = frozen.loop.with_effect(term)
-    step = steps(frozen.fold, loop, Scales(frozen.fold.record, loop))
+    step = steps(loop, Scales(frozen.fold.record, loop))
     values, free = loop.values(frozen.values), (*frozen.free, *term.names)
     other = gauss_newton(frozen.fold, loop, values, free, step)
     gain = (frozen.cost - other.cost) / (frozen.cost - fit.cost)

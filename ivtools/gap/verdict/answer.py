@@ -33,7 +33,7 @@ from ..rules import (
 )
 
 VERDICTS = {
-    "adequate": "the model is as good as the measurement is repeatable",
+    "adequate": "the model is as good as the measurement is repeatable, or lacks next to nothing",
     "explained": "the named effects close the gap",
     "partial": "the named effects close part of the gap; a significant part remains",
     "unexplained": "there is a gap that no known effect explains",
@@ -42,15 +42,15 @@ VERDICTS = {
 
 #: Of a gap that no law of the axis's own motion describes.
 OUTSIDE = Finding(
-    "what is left follows neither position nor speed nor load of this axis: it looks like a force "
-    "from outside that the model does not know, as another joint's motion or a hand makes; log it "
-    "as load, or take the whole robot (--robot)",
+    "no force over position, speed or load of this axis describes what is left: something outside "
+    "may make it, as another joint's motion or a hand does; log it as load, or take the whole "
+    "robot (--robot)",
     fatal=False,
 )
 #: Of a gap that the other record cannot judge.
 ELSEWHERE = Finding(
-    "most of what is left lies where only one of the records has been, or later than the other one "
-    "ends: no effect can be proved there; record both along the same stroke, and as long",
+    "most of what is left is at positions or times that only one of the records covers, so that "
+    "the other one cannot judge it; record both along the same stroke, and as long",
     fatal=False,
 )
 
@@ -81,7 +81,7 @@ class Setting:
 
     def said(self, name: str) -> str:
         """Return what to say of it, as a sentence."""
-        return f"{name} {self.text} between the records: a changed setting, not an effect"
+        return f"{name} {self.text} between the records: a changed setting, not a missing effect"
 
     def to_dict(self) -> dict[str, float]:
         """Return the JSON of the change."""
@@ -120,13 +120,13 @@ def _own_parameters(fit: Fit) -> Fit:
     if link is None or link.doubt is None:
         return fit
     fold = replace(fit.fold, link=replace(link, doubt=link.doubt.whole))
-    step = steps(fold, fit.loop, Scales(fold.record, fit.loop))
+    step = steps(fit.loop, Scales(fold.record, fit.loop))
     return gauss_newton(fold, fit.loop, fit.values, fit.free, step)
 
 
 def _needed(fit: Fit, name: str, value: float) -> bool:
     """Whether no other base parameter makes up for the other record's value of this one."""
-    step = steps(fit.fold, fit.loop, Scales(fit.fold.record, fit.loop))
+    step = steps(fit.loop, Scales(fit.fold.record, fit.loop))
     others = [n for n in fit.free if n != name]
     moved = gauss_newton(fit.fold, fit.loop, {**fit.values, name: value}, others, step)
     clear = fit.cost <= STEADY or moved.cost > OTHER_VALUE * fit.cost
@@ -224,13 +224,13 @@ def lowers(shrink: Shrink, simulated: bool, removed: float) -> bool:
 def no_better(effects: Sequence[str], shrink: Shrink) -> Finding:
     """Return what to say of effects that do not lower the force error."""
     values = f"{shrink.before:.4g} to {shrink.after:.4g} {shrink.unit}"
-    text = f"{', '.join(effects)} in the model takes the held-out force error from {values}"
-    return Finding(f"{text}: nothing is named", fatal=False)
+    text = f"with {', '.join(effects)} in the model the held-out force error goes from {values}"
+    return Finding(f"{text}, which is too little: nothing is named", fatal=False)
 
 
 def may_swing(effects: Sequence[str]) -> Finding:
     """Return what to say of effects that remove less than other joints' links may have left."""
-    text = f"{', '.join(effects)} would remove less than the swing of other joints' links may leave"
+    text = f"{', '.join(effects)} would remove less than swinging links of other joints may make"
     return Finding(f"{text}: nothing is named", fatal=False)
 
 

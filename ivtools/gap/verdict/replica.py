@@ -56,7 +56,7 @@ class Replica:
         said = {
             True: "replicates in both directions",
             False: "does not replicate, its values differ",
-            None: "shows on one side only",
+            None: "cannot be compared",
         }
         one, two = self.sides
         shown = (
