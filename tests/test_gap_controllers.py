@@ -71,6 +71,18 @@ def test_a_velocity_loop_needs_no_position_reference():
     assert found.effects == () and not [f.text for f in found.findings if f.fatal]
 
 
+@pytest.mark.parametrize("tighter, said", [(1.0, 0), (6.0, 1)])
+def test_a_velocity_loop_that_rings_is_held_to_the_motion_and_says_so(tighter, said):
+    loop, record = played("p-velocity")
+    gains = loop.controller.settings
+    law = replace(loop.controller, settings={**gains, "kv": tighter * gains["kv"]})
+    loop = replace(loop, controller=law)
+    sim = loop.simulate(record, iv.IDIMLS().fit(record, loop).params)
+    found = iv.diagnose(record.replace(q=sim.q, nu=sim.nu), loop)
+    assert found.verdict == "adequate"
+    assert sum("hardly has a phase margin" in f.text for f in found.findings) == said
+
+
 def test_a_feed_forward_that_nobody_declared_is_said():
     fed = {"acceleration": 0.5}
     loop, record = played("cascade-pd", "stribeck", feedforward=fed)

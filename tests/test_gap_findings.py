@@ -131,7 +131,10 @@ def test_a_law_without_velocity_reference_is_a_cascade_by_another_name(twin, loo
 def test_a_command_that_no_law_explains_is_refused_with_what_was_tried(twin, loop):
     noise = np.random.default_rng(0).normal(0.0, 3.0, twin.nu.shape)
     text = refusal(twin.replace(nu=np.cumsum(noise, axis=0) / 300.0), loop)
-    assert "no kind of law that was fitted is good enough either, R2: " in text and "cascade-pd" in text
+    assert (
+        "no kind of law that was fitted is good enough either, R2: " in text
+        and "cascade-pd" in text
+    )
 
 
 def test_the_sign_and_size_of_the_drive_gain_are_said(record, loop):
@@ -277,6 +280,14 @@ def test_an_identified_controller_says_nothing_of_itself(twin, loop):
     (note,) = [f for f in found.findings if "identified" in f.text]
     assert not note.fatal and "cannot confirm it" in note.text
     assert found.parity[0].mismatch == {} and found.parity[0].before < 1e-6
+
+
+@pytest.mark.parametrize("times", [1.5, 2.0])
+def test_an_added_input_of_another_size_is_no_other_law(emps_pulses, loop, times):
+    wrong = emps_pulses.replace(added=emps_pulses.added / times)
+    (found,) = preflight.inspect(wrong, loop, parity.check(wrong, loop))
+    assert f"the added input acts with {1.015 * times:.2g}" in found.text
+    assert not found.fatal and "kind" not in found.text
 
 
 def test_the_holdout_judges_an_identified_controller(twin, loop):
