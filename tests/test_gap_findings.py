@@ -203,11 +203,15 @@ def test_a_command_at_its_limit_is_said(twin, loop):
     assert "sits at its limit in" in text and "gentler references" in text
 
 
-def test_a_limit_that_nobody_declared_is_no_effect_once_it_is_all_there_is(twin, loop):
-    """Where the command hardly ever leaves it, nothing controls the axis."""
+def test_a_limit_that_nobody_declared_is_named_where_nothing_can_be_simulated(twin, loop):
+    """Where the command hardly ever leaves it, nothing controls the axis; the limit shows."""
     tight = replace(loop, controller=replace(loop.controller, limit=0.8))
-    text = refusal(moved(tight, twin, twin.q_ref), loop)
+    found = iv.diagnose(moved(tight, twin, twin.q_ref), loop)
+    (text,) = [f.text for f in found.findings if f.fatal]
     assert "the command is cut at 0.8 in" in text and "[controller] limit" in text
+    assert found.shrink is None and (found.verdict, found.block) == ("partial", "controller")
+    assert found.parameters == {"saturation": {"limit": pytest.approx(0.8)}}
+    assert "(nothing was simulated)" in found.summary() and "98 % likely" in found.summary()
 
 
 def test_a_command_beyond_its_limit_is_said(record, loop):

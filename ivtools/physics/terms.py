@@ -130,6 +130,9 @@ class Term:
         gap to be named.
     net : bool
         Whether its law takes, for `tau`, what all other laws leave of the drive force.
+    friction_over : str
+        Of friction that depends on one signal in whatever way: ``"q"``, position. What its law
+        states is a first approximation.
     slot : str
         The place in the loop that it takes, if only one effect can have it.
     joint : str
@@ -153,6 +156,7 @@ class Term:
     search: Search = "scan"
     everywhere: bool = False
     net: bool = False
+    friction_over: str = ""
     slot: str = ""
     joint: str = ""
     weight: Weight | None = field(default=None, compare=False)

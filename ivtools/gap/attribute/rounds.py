@@ -262,6 +262,11 @@ def _tried(
     best = fit(chosen[:AT_FIRST])
     near = RIVAL * min([best, *(gains[t.name] for t in tried if t.gain >= best > 0.0)])
     best = fit([n for n in chosen[AT_FIRST:] if gains[n] > near], best)
+    leader = max(tried, key=lambda t: t.gain, default=None)
+    if leader is not None and leader.term.of_speed and (1.0 - best) * cost(held) > CLEAN:
+        # whatever else is there bends the form of such a law: all of them are rivals
+        done = {t.name for t in tried}
+        best = fit([n for n in gains if n not in done and found[0][n].term.of_speed], best)
     gap = max(cost(held) - 1.0, 1e-9)
     if cost(held) > ADEQUATE and best * cost(held) < MOST * gap:
         # first order does not see what takes the place of dry friction, where that is bent

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ...loop import ClosedLoop
 from ...record import Record
 from ..diagnosis import Diagnosis
 from ..parity import Parity
 from ..preflight import Finding, hanging
+from ..rules import AT_CONTROLLER
 
 
 def refused(
@@ -14,19 +17,25 @@ def refused(
 ) -> Diagnosis:
     """Report what is wrong with the input instead of naming an effect simulated.
 
-    Without a control law gravity shows all the same.
+    Without a control law gravity shows all the same, and with one a limit that nobody declared.
     """
     controller = any(not p.trustworthy for p in checked)
+    limits = [] if controller else [p.limit for p in checked if p.limit is not None]
     own = hanging(record, loop) if controller or not checked else None
+    named: dict[str, dict[str, float]] = {}
     if own is not None:
         found = [*found, Finding(own.text, fatal=False)]
         loop = loop.with_terms(*(t.name for t in loop.terms), "gravity")
+        named = {"gravity": {"sin": own.sin, "cos": own.cos}}
+    elif limits:
+        named = {"saturation": {"limit": float(np.mean(limits))}}
+    block = "controller" if controller or limits else "mechanics" if named else None
     return Diagnosis(
-        verdict="unexplained" if own is None else "partial",
-        effects=() if own is None else ("gravity",),
-        ambiguous_with={} if own is None else {"gravity": []},
-        parameters={} if own is None else {"gravity": {"sin": own.sin, "cos": own.cos}},
-        block="controller" if controller else None if own is None else "mechanics",
+        verdict="partial" if named else "unexplained",
+        effects=tuple(named),
+        ambiguous_with={name: [] for name in named},
+        parameters=named,
+        block=block,
         regions=(),
         shrink=None,
         ranking=(),
@@ -38,4 +47,5 @@ def refused(
         theta={},
         chi=(float("nan"), float("nan")),
         name=record.name,
+        probability={"saturation": AT_CONTROLLER} if limits else {},
     )

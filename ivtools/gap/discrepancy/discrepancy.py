@@ -34,6 +34,7 @@ from ..rules import (
     DISCREPANCY_MOST,
     DISCREPANCY_SIZE,
     DISCREPANCY_T,
+    EVEN,
     PENALTIES,
     UNSHARED,
 )
@@ -246,6 +247,9 @@ class Spline:
         Returns what it is on each fold, from both together, N or N m, (n_samples,) each.
     rest : callable, optional
         Returns what is left of an error on each fold, (n_kept,), if the spline is fitted to it.
+    even : callable, optional
+        Returns how much of a force over one signal is the same forwards and backwards, of its
+        variance, 0 to 1.
     """
 
     over: tuple[str, ...]
@@ -253,6 +257,11 @@ class Spline:
     left: tuple[Array, ...]
     force: Callable[[], tuple[Array, ...]] = tuple
     rest: Callable[[Sequence[Array]], Sequence[Array]] = list
+    even: Callable[[], float] = float
+
+    def is_friction(self, over: str) -> bool:
+        """Whether it is friction over this signal alone."""
+        return self.over == (over,) and self.even() < EVEN
 
     @property
     def of_use(self) -> bool:
@@ -475,8 +484,8 @@ class _Search:
     def spline(self, step: _Step) -> Spline:
         """Return what a step leaves."""
         left = tuple(e + a for e, a in zip(self.rests, step.answers, strict=True))
-        rest = partial(self.rest, step)
-        return Spline(step.over, step.gain, left, lambda: self.force(step), rest)
+        rest, even = partial(self.rest, step), partial(self.even, step)
+        return Spline(step.over, step.gain, left, lambda: self.force(step), rest, even)
 
     def rest(self, step: _Step, errors: Sequence[Array]) -> Sequence[Array]:
         """Return what a spline over the signals of a step leaves of errors on each fold, (n_kept,).
@@ -497,15 +506,26 @@ class _Search:
         """Return what fits both folds at once, on each, N or N m, (n_samples,)."""
         if not step.over:
             return tuple(np.zeros(len(shared)) for shared, _ in self.forces)
+        beta = self._beta(step)
+        return tuple(
+            shared @ beta[: shared.shape[1]] + own @ beta[shared.shape[1] :]
+            for shared, own in self.forces
+        )
+
+    def even(self, step: _Step) -> float:
+        """Return how much of it is the same forwards and backwards, of its variance at knots."""
+        size, sign = np.split(self._beta(step)[self._rows(step.over)], 2)
+        one, two = float(np.var(size)), float(np.var(sign))
+        return one / max(one + two, 1e-300)
+
+    def _beta(self, step: _Step) -> Array:
+        """Return the coefficients that fit both folds at once, 0 of columns without a part."""
         rows = self._rows(step.over)
         one, two = (a[np.ix_(rows, rows)] for a in self.squares)
         R = self._penalty(step.over, step.penalty)
         beta = np.zeros(len(self.sides[0]))
         beta[rows] = _solved(one + two + R, -self.sides[0][rows] - self.sides[1][rows])
-        return tuple(
-            shared @ beta[: shared.shape[1]] + own @ beta[shared.shape[1] :]
-            for shared, own in self.forces
-        )
+        return beta
 
     def _best(self, over: tuple[str, ...]) -> _Tried:
         """Return the spline over some signals whose penalty predicts the other fold best."""
