@@ -36,6 +36,7 @@ GOOD = {
     "unknown": ("right", "ambiguous"),
     "bursts": ("right",),
     "small": ("right", "ambiguous"),
+    "controllers": ("right", "ambiguous"),
 }
 SPURIOUS = ("extra", "wrong")
 _CALM = {"none": ("adequate",), "bursts": ("non-repeatable",)}

@@ -489,9 +489,9 @@ LEAST_KNOTS, MOST_KNOTS = 8, 64
 #: twelve lines beside a real background or a nameless force, 0.30 to 0.51 of four that were bumps).
 UNLIKE_SMOOTH = 0.5
 #: Share of the variance of a force over one signal that is the same forwards and backwards, at most
-#: where it is friction (training: 0.002 to 0.034 of five frictions over position, 0.05 to 0.8 of
+#: where it is friction (training: 0.002 to 0.024 of four frictions over position, 0.034 to 0.8 of
 #: 13 forces over position and direction).
-EVEN = 0.04
+EVEN = 0.03
 #: Share of an effect that a force without a name, fitted beside it, leaves at least, and the factor
 #: by which its amplitude there may differ from that by itself (training: of 30 names of
 #: forces without one, which replicate by themselves, two are inside; of 25 true ones, lost behind

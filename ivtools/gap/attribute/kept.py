@@ -93,8 +93,8 @@ def names_kept(
 
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""
-        alike = more.cost - fewer.cost <= TIE * (cost(models[0]) - fewer.cost)
-        return not alike and _worth(models[0], fewer, more) < -STANDARD_ERRORS
+        same = more.cost - fewer.cost <= TIE * (cost(models[0]) - fewer.cost)
+        return not same and _worth(models[0], fewer, more) < -STANDARD_ERRORS
 
     first = groups[0] if left and groups else ()
     alike = any(left[0].is_friction(t.term.friction_over) for t in first)
