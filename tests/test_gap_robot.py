@@ -79,7 +79,7 @@ def test_a_name_that_other_joints_links_may_have_left_is_none():
     none = finish(begun, swung=1.1 * removed)
     assert (none.effects, none.parameters, none.replicas, none.probability) == ((), {}, (), {})
     assert none.shrink.after == none.shrink.before and none.verdict == "unexplained"
-    assert "other joints' links" in none.findings[-1].text
+    assert "links of other joints" in none.findings[-1].text
 
 
 def test_the_likelier_error_has_less_that_is_new_from_sample_to_sample():

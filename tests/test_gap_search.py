@@ -83,7 +83,7 @@ def test_a_load_that_rattles_in_one_of_two_records_is_told_by_stretches_of_that_
     for pair in ((calm, rattles), (rattles, calm)):
         gap = iv.diagnose(pair[0], iv.axes.emps(), pair[1])
         assert gap.effects == ("backlash",) and not gap.shrink.held_out
-        assert any(f"stretches of {rattles.name} tell" in f.text for f in gap.findings)
+        assert any(f"stretches of {rattles.name} alone" in f.text for f in gap.findings)
         assert gap.shrink.after < gap.shrink.before
         assert gap.floors[0].between is None and "no hold-out" not in gap.summary()
 
@@ -297,7 +297,7 @@ def test_records_are_compared_where_both_have_been():
     two = moves.record(loop, theta, 16.0, 2, stroke=(0.0, 0.245))
     gap = iv.diagnose(one, iv.axes.emps(), two)
     assert gap.effects == ("position-friction",)
-    (remark,) = [x for x in gap.advice if "where the other record has not" in x]
+    (remark,) = [x for x in gap.advice if "the other record does not cover" in x]
     assert remark.startswith("16 s, seed 2: ")
     assert gap.traces.keep.sum() > 0.9 * np.sum(two.t > 0.15)  # but judged on all of it
 
@@ -374,7 +374,7 @@ def test_the_steps_of_an_encoder_are_as_small_as_its_period_asks(seed):
     m = begin(Asked(one, loop, two)).measured[0]
     full = m.base.loop.with_effect("encoder-eccentricity", **wave)
     values, names = full.values(m.base.values), ["encoder-eccentricity." + n for n in wave]
-    step = fit.steps(m.fold, full, m.side.scales)
+    step = fit.steps(full, m.side.scales)
     motion = m.fold.simulate(full, values)
     e = m.fold.judged(full, motion)
     wide, narrow = (

@@ -247,4 +247,4 @@ def test_the_other_joint_is_a_force_from_outside(joint):
     """The axis is not told to hold an effect that another joint's motion makes."""
     found = diagnosed(joint)
     assert (found.verdict, found.effects, found.block) == ("unexplained", (), "outside")
-    assert "a force from outside that the model does not know" in said(found)
+    assert "something outside may make it" in said(found)

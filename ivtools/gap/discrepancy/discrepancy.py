@@ -257,7 +257,7 @@ class Spline:
     left: tuple[Array, ...]
     force: Callable[[], tuple[Array, ...]] = tuple
     rest: Callable[[Sequence[Array]], Sequence[Array]] = list
-    even: Callable[[], float] = float
+    even: Callable[[], float] = lambda: 1.0
 
     def is_friction(self, over: str) -> bool:
         """Whether it is friction over this signal alone."""
