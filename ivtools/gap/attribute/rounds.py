@@ -111,8 +111,13 @@ class Round:
             ]
         if len(rivals) > 1:
             several = rules.distinguishable_several
+            bent = not clean and best.term.of_speed  # by what is left: no form is likelier
             rivals = [
-                t for t in rivals if best.correlation(t) > TWIN or best.advantage(t) < several
+                t
+                for t in rivals
+                if best.correlation(t) > TWIN
+                or best.advantage(t) < several
+                or (bent and t.term.of_speed)
             ]
         return tuple(rivals)
 
