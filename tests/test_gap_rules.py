@@ -15,6 +15,7 @@ from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import rules
 from ivtools.gap.attribute import Attribution, Evidence, attribution, probability
+from ivtools.gap.attribute.rounds import Round
 from ivtools.gap.candidate import Trial
 from ivtools.gap.rules import LIKELY, Rules
 from ivtools.loop.axis_file import from_tables
@@ -88,6 +89,38 @@ def test_effects_of_the_same_size_are_not_ambiguous_for_that():
     assert set(gap.effects) == {"asymmetric-viscous", "sqrt-viscous"}
     assert "sqrt-viscous" not in gap.ambiguous_with["asymmetric-viscous"]
     assert gap.ambiguous_with["asymmetric-viscous"] == []
+
+
+class Tried(SimpleNamespace):
+    """A stand-in of a trial that is like all others, but better by this t value than they are."""
+
+    sound = True
+
+    def correlation(self, other):
+        return 0.9
+
+    def advantage(self, other):
+        return 5.0
+
+
+@pytest.mark.parametrize(
+    ("left", "names", "rivals"),
+    [
+        (1.3, ("sqrt-viscous", "polynomial-viscous"), ("sqrt-viscous", "polynomial-viscous")),
+        (1.3, ("sqrt-viscous", "spring", "gravity"), ("sqrt-viscous",)),
+        (1.3, ("spring",), ("spring",)),
+        (1.01, ("sqrt-viscous", "polynomial-viscous"), ()),
+    ],
+)
+def test_what_is_left_bends_laws_of_the_speed_alike(left, names, rivals):
+    """Whatever t value tells them apart; of other effects it tells several apart."""
+    base = (SimpleNamespace(cost=left),)
+    best, *others = (
+        Tried(name=n, term=EFFECTS[n], gain=g, held=base)
+        for n, g in zip(("stribeck", *names), (0.1, 0.098, 0.097, 0.096), strict=False)
+    )
+    tried = Round({}, (best, *others), qualified=(best,))
+    assert tuple(t.name for t in tried.rivals(Rules(), left)) == rivals
 
 
 def test_evidence_counts_in_the_right_direction():

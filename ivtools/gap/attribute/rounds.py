@@ -87,7 +87,7 @@ class Round:
         once the better form is the likelier one, unless they change the error in all but the same
         way, as a spring and gravity do over a short stroke. Where a gap is left in the end,
         whatever makes it may decide between a pair: the margin is wider, and a t value decides
-        nothing.
+        nothing; nor does it there between laws of the speed, however many, for they bend alike.
 
         Parameters
         ----------
