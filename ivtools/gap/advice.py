@@ -188,7 +188,7 @@ def remarks(
             )
         if "added" in p.mismatch:
             lines.append(
-                f"{name}: the added input acts with {1.0 + p.mismatch['added']:.3g} times its "
+                f"{name}: the added input acts with {1.0 + p.mismatch['added']:.4g} times its "
                 "recorded size"
             )
         if m.floor.isolated:
