@@ -54,7 +54,7 @@ def table(
     head : sequence of str
         Lines between the title and the table.
     header, rows : sequences of str
-        Cells.
+        Cells; without rows no header is shown.
     notes : sequence of str
         Lines under the table, wrapped.
     left : int
@@ -81,10 +81,10 @@ def table(
     widths[0] = min(widths[0], max(WIDTH - others, 8))
     lines = [_line(row, widths, left) for row in cells]
     width = min(WIDTH, max(map(len, [*lines, *head, title])))
-    body = [lines[0], "-" * width, *lines[1:]]
+    body = [lines[0], "-" * width, *lines[1:]] if rows else []
     top = [title.center(width).rstrip(), "=" * width]
     if head:
-        top += [*head, "-" * width]
+        top += [*head, *(["-" * width] if rows else [])]
     text = "\n".join([*top, *body, "=" * width, *_wrapped(notes)])
     return Text(text, _html(title, head, cells, notes, left))
 
@@ -198,10 +198,11 @@ def _html(
 
     lines = _head(head)
     body = "".join(row(content, "td") for content in cells[1:])
+    grid = f"<table><thead>{row(cells[0], 'th')}</thead><tbody>{body}</tbody></table>"
     below = "".join(f"<p>{escape(note)}</p>" for note in notes)
     return (
         f'<div class="ivtools"><strong>{escape(title)}</strong>{lines}'
-        f"<table><thead>{row(cells[0], 'th')}</thead><tbody>{body}</tbody></table>{below}</div>"
+        f"{grid if body else ''}{below}</div>"
     )
 
 

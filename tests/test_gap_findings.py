@@ -9,6 +9,7 @@ import pytest
 import ivtools as iv
 from ivtools.cli import run
 from ivtools.gap import parity, preflight
+from ivtools.gap.page import effects_text
 from ivtools.gap.preflight import plausible
 from ivtools.loop import Controller
 
@@ -211,7 +212,9 @@ def test_a_limit_that_nobody_declared_is_named_where_nothing_can_be_simulated(tw
     assert "the command is cut at 0.8 in" in text and "[controller] limit" in text
     assert found.shrink is None and (found.verdict, found.block) == ("partial", "controller")
     assert found.parameters == {"saturation": {"limit": pytest.approx(0.8)}}
-    assert "(nothing was simulated)" in found.summary() and "98 % likely" in found.summary()
+    assert effects_text(found) == ["saturation: limit 0.8 (98 % likely)"]
+    assert "(nothing was simulated)" in found.summary()
+    assert "closes by itself" not in found.summary()  # no table of nothing
 
 
 def test_a_command_beyond_its_limit_is_said(record, loop):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 from ..tables import Text, sentence, table
@@ -170,11 +171,13 @@ def _card(diagnosis: Diagnosis) -> Card:
             facts.append(("With the first record's base parameters", frozen))
         facts.append(("Floor", quantity(s.floor, s.unit, 3)))
     verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
-    if s is None:
-        verdict = "No answer: the record or the axis file must be looked at first."
+    tone = _TONES.get(diagnosis.verdict, "doubt")
+    if s is None and facts:
+        verdict = "Nothing could be simulated, but this shows all the same."
+    elif s is None:
+        verdict, tone = "No answer: the record or the axis file must be looked at first.", "bad"
     if diagnosis.confirmed is not None:
         facts.append(("Your simulator", diagnosis.confirmed.text.removeprefix("your simulator ")))
-    tone = "bad" if s is None else _TONES.get(diagnosis.verdict, "doubt")
     remarks = _remarks(diagnosis)[:_NEXT]
     return Card(verdict, tuple(facts), (*_next(diagnosis), *remarks), tone)
 
@@ -211,7 +214,9 @@ def effects_text(diagnosis: Diagnosis) -> list[str]:
     told = []
     for effect in diagnosis.effects:
         replica = next((r for r in diagnosis.replicas if r.effect == effect), None)
-        values = ", ".join(f"{k} {_fitted(replica, k)}" for k in replica.values) if replica else ""
+        known = replica.values if replica else diagnosis.parameters.get(effect, {})
+        of = partial(_fitted, replica) if replica else partial(diagnosis.value, effect)
+        values = ", ".join(f"{k} {of(k)}" for k in known)
         text = f"{effect}: {values}" if values else effect
         if effect in diagnosis.probability:
             text += diagnosis.chance(effect)
