@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import ivtools as iv
@@ -19,7 +20,7 @@ from ivtools.gap.attribute.rounds import Round
 from ivtools.gap.candidate import Trial
 from ivtools.gap.rules import LIKELY, Rules
 from ivtools.loop.axis_file import from_tables
-from ivtools.physics import EFFECTS
+from ivtools.physics import EFFECTS, Parameter, Term
 
 GAP = Path(rules.__file__).parent
 #: Numbers of formulas and of per cent, and what no threshold is below: guards against zero.
@@ -207,6 +208,19 @@ def test_a_law_of_the_speed_that_the_library_lacks_is_not_called_two_of_them():
     assert gap.effects == ("polynomial-viscous",)  # its twin
     of_speed = {name for name, term in EFFECTS.items() if term.of_speed}
     assert of_speed == {"stribeck", "polynomial-viscous", "sqrt-viscous", "regularised-coulomb"}
+
+
+def test_friction_over_position_is_told_by_its_law():
+    """One of a user's own as well; it is as large at any speed, and turns with the motion."""
+    assert {n for n, term in EFFECTS.items() if term.of_place} == {"position-friction"}
+    forms = {
+        "wave": lambda q, dq, ddq, sign, tau, t, a: a * np.sin(7.0 * q) * sign,
+        "force": lambda q, dq, ddq, sign, tau, t, a: a * np.sin(7.0 * q),
+        "viscous": lambda q, dq, ddq, sign, tau, t, a: a * np.sin(7.0 * q) * dq,
+        "ageing": lambda q, dq, ddq, sign, tau, t, a: a * np.sin(7.0 * q) * t * sign,
+    }
+    own = {n: Term(n, "mechanics", (Parameter("a", "{F}"),), n, n, law=f) for n, f in forms.items()}
+    assert {n for n, term in own.items() if term.of_place} == {"wave"}
 
 
 def test_a_second_effect_is_looked_for_at_the_floor_too():

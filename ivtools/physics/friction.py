@@ -157,7 +157,6 @@ POSITION_FRICTION = Term(
     "(c1 q + c2 q^2) sign(dq); the constant part is the Coulomb friction",
     f"{_ARMSTRONG}, section 2.2",
     law=lambda q, dq, ddq, sign, tau, t, c1, c2: (c1 + c2 * q) * q * sign,
-    friction_over="q",
 )
 
 LOAD_FRICTION = Term(

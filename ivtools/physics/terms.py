@@ -130,9 +130,6 @@ class Term:
         gap to be named.
     net : bool
         Whether its law takes, for `tau`, what all other laws leave of the drive force.
-    friction_over : str
-        Of friction that depends on one signal in whatever way: ``"q"``, position. What its law
-        states is a first approximation.
     slot : str
         The place in the loop that it takes, if only one effect can have it.
     joint : str
@@ -156,7 +153,6 @@ class Term:
     search: Search = "scan"
     everywhere: bool = False
     net: bool = False
-    friction_over: str = ""
     slot: str = ""
     joint: str = ""
     weight: Weight | None = field(default=None, compare=False)
@@ -231,6 +227,20 @@ class Term:
         dq = np.linspace(-2.0, 2.0, 50)
         force = self.force(0.0 * dq, dq, 0.0 * dq, values)
         return alone and bool(force.any()) and np.allclose(force, -force[::-1])
+
+    @cached_property
+    def of_place(self) -> bool:
+        """Whether it is dry friction that depends on the position, and on nothing else."""
+        if not self._along(q=0.1):
+            return False
+        values = [0.5 if p.linear else p.neutral for p in self.parameters]
+        others = ({"later": 1.0}, {"ddq": 1.0}, {"tau": 6.0})
+        q = np.linspace(-1.0, 1.0, 50)
+        ahead, faster, back = (
+            self.force(q, np.full(50, dq), 0.0 * q, values) for dq in (1.0, 2.0, -1.0)
+        )
+        alone = not any(self._changes(values, **other) for other in others)
+        return alone and np.allclose(ahead, faster) and np.allclose(ahead, -back)
 
     def _changes(self, values: Iterable[float], later: float = 0.0, **more: float) -> bool:
         """Whether the force along a small motion is another one later, or with more of a signal."""

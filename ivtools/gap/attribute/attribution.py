@@ -11,12 +11,7 @@ import numpy as np
 from ..candidate import Trial
 from ..discrepancy import Laws
 from ..fit import Fit, of_effect
-from ..rules import (
-    DISCREPANCY_T,
-    LIKELY,
-    SLIGHT,
-    Rules,
-)
+from ..rules import DISCREPANCY_T, LIKELY, SLIGHT, Rules
 from .evidence import Evidence, cost, probability, weigh
 from .rounds import Round, pvalues
 
@@ -58,7 +53,7 @@ class Attribution:
         Forces without a name along the motion of the base model, if something is left.
     surpassed : frozenset of str
         Effects without which such a force predicts better than with them.
-    alike : frozenset of str
+    itself : frozenset of str
         Effects that are what such a force is.
     full : tuple of Fit
         As `held`, with the effects that were taken back because their names were doubtful.
@@ -74,7 +69,7 @@ class Attribution:
     rounds: tuple[Round, ...] = ()
     laws: Laws | None = None
     surpassed: frozenset[str] = frozenset()
-    alike: frozenset[str] = frozenset()
+    itself: frozenset[str] = frozenset()
     full: tuple[Fit, ...] = ()
     supposed: Supposed | None = None
 
@@ -156,7 +151,7 @@ class Attribution:
         """Return what speaks for one of the effects that were tried in a round."""
         others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
         found = weigh(trial, others, self.base, self.rules, self.full or self.held)
-        if trial.name == r.measured or trial.name in self.alike:
+        if trial.name == r.measured or trial.name in self.itself:
             return replace(found, unlike=1.0)
         return replace(found, surpassed=trial.name in self.surpassed)
 

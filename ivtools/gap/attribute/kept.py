@@ -34,13 +34,13 @@ class Kept(NamedTuple):
         That may be given at all.
     told : int
         Of these, those that tell more than a force without a name does.
-    alike : bool
-        Whether the first one is what such a force is: friction over one signal.
+    itself : bool
+        Whether the first one is what such a force is: friction over position.
     """
 
     most: int
     told: int
-    alike: bool = False
+    itself: bool = False
 
 
 def names_kept(
@@ -57,10 +57,10 @@ def names_kept(
     better by itself.
     Those beyond it need better evidence than the others, and have no name if that force is a law of
     one signal. The first is none of them if a further sensor in the law has measured it, for that
-    is no guess: `least` is 1 then; nor if it is friction over a signal, in whatever way, and the
-    force without a name is just that. What changes with use changes with time as well: an effect of
-    time has no name unless it does better than friction that warms up, nor has one of what such
-    friction describes best.
+    is no guess: `least` is 1 then; nor if it is friction over position, and the force without a
+    name is just that, whatever its curve. What changes with use changes with time as well: an
+    effect of time has no name unless it does better than friction that warms up, nor has one of
+    what such friction describes best.
 
     Parameters
     ----------
@@ -97,8 +97,8 @@ def names_kept(
         return not same and _worth(models[0], fewer, more) < -STANDARD_ERRORS
 
     first = groups[0] if left and groups else ()
-    alike = any(left[0].is_friction(t.term.friction_over) for t in first)
-    least = max(least, int(alike))
+    itself = any(t.term.of_place for t in first) and left[0].of_place
+    least = max(least, int(itself))
 
     def holds(k: int) -> bool:
         """Whether so many names do."""
@@ -114,7 +114,7 @@ def names_kept(
     told = next((k for k in range(most, least, -1) if holds(k)), least)
     if left and left[told].single:  # it is no law that may be like anything
         most = told
-    return Kept(most, told, alike)
+    return Kept(most, told, itself)
 
 
 def _not_use(before: tuple[Fit, ...], after: tuple[Fit, ...], laws: Laws | None) -> bool:

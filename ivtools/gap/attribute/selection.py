@@ -80,13 +80,13 @@ def attribute(
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
     laws = Laws.of(models[0]) if left else None
     seen = bool(groups) and groups[0][0].name == rounds[0].measured
-    most, told, alike = names_kept(models, laws, groups, rules, int(seen))
+    most, told, itself = names_kept(models, laws, groups, rules, int(seen))
     fits, held = (ends[most - 1].fits, ends[most - 1].held) if most else (base, base)
     names = [t.name for group in groups[:most] for t in group]
     surpassed = frozenset(t.name for group in groups[told:most] for t in group)
-    said = frozenset(t.name for t in groups[0] if t.term.friction_over) if alike else frozenset()
+    same = frozenset(t.name for t in groups[0] if t.term.of_place) if itself else frozenset()
     kept, fits, held = _backward(sides, base, fits, held, names)
-    found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws, surpassed, said)
+    found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws, surpassed, same)
     found = _beside_others(sides, found, tried)
     ended = {tuple(names[: names.index(t.name) + 1]): t for t in ends[:most]}
     found = _withdrawn(sides, found, ended)

@@ -259,9 +259,10 @@ class Spline:
     rest: Callable[[Sequence[Array]], Sequence[Array]] = list
     even: Callable[[], float] = lambda: 1.0
 
-    def is_friction(self, over: str) -> bool:
-        """Whether it is friction over this signal alone."""
-        return self.over == (over,) and self.even() < EVEN
+    @property
+    def of_place(self) -> bool:
+        """Whether it is friction over the position alone, whatever its curve."""
+        return self.over == ("q",) and self.even() < EVEN
 
     @property
     def of_use(self) -> bool:
@@ -513,7 +514,10 @@ class _Search:
         )
 
     def even(self, step: _Step) -> float:
-        """Return how much of it is the same forwards and backwards, of its variance at knots."""
+        """Return how much of it is the same forwards and backwards, of its variance at knots.
+
+        Its columns are those of `Basis.over`: hats, and the same with the sign of the motion.
+        """
         size, sign = np.split(self._beta(step)[self._rows(step.over)], 2)
         one, two = float(np.var(size)), float(np.var(sign))
         return one / max(one + two, 1e-300)
