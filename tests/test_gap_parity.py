@@ -56,6 +56,18 @@ def test_an_added_input_of_another_size_comes_back(loop):
     assert parity.check(record, loop).mismatch == {"added": pytest.approx(0.03, abs=1e-3)}
 
 
+@pytest.mark.parametrize("size", [2.0, 0.5, -1.0])
+def test_an_added_input_of_another_size_or_sign_does_not_hide_the_limit(loop, size):
+    """Less what was logged, the law's own command would be beyond its limit, or seem to be at it."""
+    n = iv.datasets.twin().n_samples
+    added = 4.0 * ((np.arange(n) // 700) % 2)
+    record = played(loop, added=added)
+    true = parity.check(record, loop)
+    found = parity.check(record.replace(added=added / size), loop)
+    assert found.mismatch == {"added": pytest.approx(size - 1.0, abs=1e-3)}
+    assert found.clipped == true.clipped and found.limit == true.limit
+
+
 def test_a_limit_that_nobody_declared_comes_back(loop):
     found = parity.check(played(loop, limit=3.0), loop)
     assert found.limit == pytest.approx(3.0, rel=1e-3)

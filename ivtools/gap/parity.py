@@ -23,6 +23,7 @@ from ..loop.controllers.law import clipped
 from ..loop.identification import ControllerFit
 from ..record import Record
 from .rules import (
+    ADDED_LEAST,
     AT_LIMIT,
     AT_TOP,
     CUT,
@@ -34,9 +35,11 @@ from .rules import (
     GAIN_NEEDED,
     GAIN_RANGE,
     GAIN_T,
+    GROSS_GAIN,
     LAW_BETTER,
     LAW_ERROR,
     LAW_R2,
+    LIMIT_LEAVES,
     LIMIT_SAMPLES,
     MAX_DELAY,
     NEAR_TOP,
@@ -125,6 +128,24 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
     -------
     Parity
     """
+    found = _checked(record, loop)
+    extra = 0.0 if found.taken else found.mismatch.get("added", 0.0)
+    if abs(extra) <= GROSS_GAIN:
+        return found
+    # of another size or sign, it hides where the law sits at its limit: as it acts, once more
+    assert record.added is not None
+    again = _checked(replace(record, added=(1.0 + extra) * record.added), loop)
+    more = again.mismatch.get("added", 0.0)
+    return replace(
+        again,
+        before=found.before,
+        mismatch={**again.mismatch, "added": (1.0 + extra) * (1.0 + more) - 1.0},
+        tvalues={**again.tvalues, "added": found.tvalues["added"]},
+    )
+
+
+def _checked(record: Record, loop: ClosedLoop) -> Parity:
+    """Compare them, the added input being what was recorded."""
     signals = Signals(record, loop)
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
     signals, limit, at_limit = _limit(signals, loop.controller)
@@ -266,8 +287,10 @@ def _limit(
         if at_top.sum() < LIMIT_SAMPLES:
             continue
         found = signals.limited(min(level, controller.limit), least)
-        cut = at_top & _cut(found, controller, level)[0]
-        if cut.sum() >= LIMIT_SAMPLES and cut.sum() > CUT_SHARE * at_top.sum():
+        law = found.law(controller, controller.delay)
+        cut = at_top & _cut(found, law, level)
+        mostly = cut.sum() > CUT_SHARE * at_top.sum()
+        if cut.sum() >= LIMIT_SAMPLES and (mostly or _explains(found, controller, law, level)):
             declared = largest >= AT_LIMIT * controller.limit
             return found, None if declared else level, at_top
     return signals, None, own >= signals.least
@@ -280,21 +303,32 @@ def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float,
     command is near its largest.
     """
     largest = float(np.max(own))
-    cut, law = _cut(signals.limited(largest, NEAR_TOP * largest), controller, largest)
+    near = signals.limited(largest, NEAR_TOP * largest)
+    law = near.law(controller, controller.delay)
+    cut = _cut(near, law, largest)
     if cut.sum() < LIMIT_SAMPLES:
         return largest, np.inf
     level, noise = float(np.median(own[cut])), stats.median_abs_deviation(own[cut])
-    flat = FLAT * noise < ROUGHEST * level and noise < FLATTER * stats.median_abs_deviation(
-        law[cut]
-    )
+    spread = stats.median_abs_deviation(np.abs(law[cut]))
+    flat = FLAT * noise < ROUGHEST * level and noise < FLATTER * spread
     return level, min(level - FLAT * noise, AT_TOP * level) if flat else np.inf
 
 
-def _cut(signals: Signals, controller: Controller, level: float) -> tuple[NDArray[np.bool_], Array]:
-    """Return where the law gives more than a level, with the sign of the command, and its size."""
-    law = signals.law(controller, controller.delay)
+def _cut(signals: Signals, law: Array, level: float) -> NDArray[np.bool_]:
+    """Return where a law gives more than a level, with the sign of the command, (n_samples,)."""
     same = np.sign(law) == np.sign(signals.command - signals.added)
-    return (np.abs(law) > CUT * level) & same, np.abs(law)
+    return (np.abs(law) > CUT * level) & same
+
+
+def _explains(signals: Signals, controller: Controller, law: Array, level: float) -> bool:
+    """Whether a law that is cut at a level gives nearly the command, and one that is not does not.
+
+    One with an integrator, a little wrong, may hardly exceed the limit where it begins and ends.
+    """
+    own = signals.command - signals.added
+    cut = (own - np.clip(law, -level, level))[PARITY_HEAD:]
+    free = signals.limited(np.inf, np.inf).error(controller, controller.delay, 0.0)[PARITY_HEAD:]
+    return float(cut @ cut) < LIMIT_LEAVES * float(free @ free)
 
 
 def _best_delay(
@@ -326,12 +360,13 @@ def _fit(
 
     if not names:
         return {}, {}, float(np.sum(error(x) ** 2))
+    least = [ADDED_LEAST if n == "added" else GAIN_RANGE[0] for n in names]
     e, step = error(x), 1e-3
     columns = np.zeros((len(e), len(names)))
     for _ in range(3):
         columns = np.column_stack([(error(x + step * d) - e) / step for d in np.eye(len(names))])
         x = x - np.linalg.lstsq(columns, e, rcond=1e-8)[0]
-        x = np.clip(x, *GAIN_RANGE)
+        x = np.clip(x, least, GAIN_RANGE[1])
         e = error(x)
     deviation = _deviations(columns, e)
     tvalues = np.abs(x) / np.maximum(deviation, 1e-300)

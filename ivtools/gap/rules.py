@@ -42,6 +42,9 @@ FLATTER = 0.1
 CUT = 1.02
 #: Share of the samples at the top at which the law must have been cut (training).
 CUT_SHARE = 0.8
+#: Energy of the parity error that a limit leaves, of that without it, at most, where the law was
+#: cut at fewer of them (judgement: nothing else takes nearly all of it; 2e-4 in training).
+LIMIT_LEAVES = 0.01
 #: Relative error of a gain that is worth a name (physics: no gain is known better).
 GAIN_ERROR = 0.004
 #: Block-robust t value from which a gain is wrong (training: 0 of 100 records without).
@@ -63,6 +66,8 @@ LAW_R2 = 0.9
 NOISY_GAIN = 0.05
 #: Relative errors of gains between which the parity fit searches (physics).
 GAIN_RANGE = (-0.95, 9.0)
+#: The same of an added input at least, whose sign may be wrong (physics).
+ADDED_LEAST = -10.0
 #: Blocks of the covariance of the parity fit (theory: enough for a t value of 8).
 PARITY_BLOCKS = 40
 

@@ -60,7 +60,7 @@ def names_kept(
     is no guess: `least` is 1 then; nor if it is friction over position, and the force without a
     name is just that, whatever its curve. What changes with use changes with time as well: an
     effect of time has no name unless it does better than friction that warms up, nor has one of
-    what such friction describes best.
+    what such friction describes best; one that does is held against the other laws only.
 
     Parameters
     ----------
@@ -78,6 +78,7 @@ def names_kept(
     1984, section 3.4.3: the one-standard-error rule.
     """
     left = [] if laws is None else threaded(laws.fitted, models)
+    timed = [any(t.term.of_time for t in group) for group in groups]
 
     def own(group: Sequence[Trial]) -> bool:
         """Whether one of these effects has what a force without a name has not."""
@@ -85,11 +86,12 @@ def names_kept(
 
     def lasts(k: int) -> bool:
         """Whether what gets the k-th name is none of use, if it may be one."""
-        timed = any(t.term.of_time for t in groups[k])
-        used = timed or (bool(left) and left[k].of_use)
+        used = timed[k] or (bool(left) and left[k].of_use)
         return not used or _not_use(models[k], models[k + 1], Laws.of(models[0]))
 
     most = next((k for k in range(len(groups)) if not lasts(k)), len(groups))
+    if laws is not None and any(timed[:most]):  # it is time and not use: that has been judged
+        left = threaded(laws.unused.fitted, models)
 
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""

@@ -16,7 +16,7 @@ import numpy as np
 from ...loop import ClosedLoop
 from ...physics import Term
 from ...workers import threaded
-from ..candidate import Trial, frozen
+from ..candidate import Trial, deeper, frozen
 from ..discrepancy import Laws
 from ..fit import Fit, common, gauss_newton, normal, steps
 from ..fold import Side
@@ -294,13 +294,17 @@ def _backward(
     held: tuple[Fit, ...],
     named: list[str],
 ) -> tuple[list[str], tuple[Fit, ...], tuple[Fit, ...]]:
-    """Drop effects that a later one made superfluous.
+    """Drop effects that a later one made superfluous, or that stand for a descent that ended early.
 
-    What is far from superfluous to first order is not fitted without.
+    What is far from superfluous to first order is not fitted without, unless it was found beside a
+    valley: that may go deeper without it, from where both are. Of others the last one is needed.
     """
-    for name in list(named[:-1]):
+    valleys = {t.name for t in fits[0].loop.terms if t.search == "valleys"}
+    found = tuple(named)
+    for k, name in enumerate(found):
         gap = float(np.mean([b.cost - h.cost for b, h in zip(base, held, strict=True)]))
-        if min(_lost(f, name) for f in fits) > SURELY_NEEDED * SUPERFLUOUS * gap:
+        sure = min(_lost(f, name) for f in fits) > SURELY_NEEDED * SUPERFLUOUS * gap
+        if (sure or name == found[-1]) and not valleys & {*found[:k]}:
             continue
         fewer = _without(sides, fits, name)
         judged = frozen(sides, fewer)
@@ -332,7 +336,10 @@ def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:
 
 
 def _without(sides: tuple[Side, ...], fits: tuple[Fit, ...], name: str) -> tuple[Fit, ...]:
-    """Return the model without one of its effects, fitted to each fold from where it was."""
+    """Return the model without one of its effects, fitted to each fold from where it was.
+
+    In the valley of another one it goes on.
+    """
 
     def one(side: Side, fit: Fit) -> Fit:
         """Return that of one fold."""
@@ -344,4 +351,7 @@ def _without(sides: tuple[Side, ...], fits: tuple[Fit, ...], name: str) -> tuple
         free = [n for n in fit.free if n in known]
         return gauss_newton(side.fold, loop, values, free, steps(loop, side.scales))
 
-    return tuple(threaded(one, sides, fits))
+    found = tuple(threaded(one, sides, fits))
+    for term in found[0].loop.terms:
+        found = deeper(sides, found, term)
+    return found

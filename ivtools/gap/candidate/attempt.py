@@ -47,9 +47,8 @@ def attempt(
     if not all(begin):
         return None
     new = tuple(threaded(lambda s, f, b: _extended(s, f, term, b), sides, fits, begin))
-    deep = any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True))
-    if term.search == "valleys" and deep:  # either side may have come deeper
-        new = tuple(threaded(lambda s, n, o: _deeper(s, term, n, o), sides, new, new[::-1]))
+    if any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True)):
+        new = deeper(sides, new, term)
     made: Made = {}
     held = frozen(sides, new, made)
     if any(
@@ -68,25 +67,31 @@ def _onwards(side: Side, own: Fit, held: Fit) -> Fit:
     return gauss_newton(side.fold, own.loop, held.values, own.free, step)
 
 
-def _deeper(side: Side, term: Term, own: Fit, other: Fit) -> Fit:
-    """Return the better of a fit that goes on, and one that starts with the other fold's effect.
+def deeper(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
+    """Return fits that go on in the valley of an effect, where either fold may have come deeper.
 
-    A nuisance between its bounds, which the search chose of a few values, is fitted as well: what
-    it should have been would be in all others. Contacts are rough: differences that are wide enough
-    to look across what is rough lose sight of the bottom, so the last steps take narrow ones.
+    The better of one that goes on, and one that starts with the other fold's effect; those of an
+    effect without valleys are there already. A nuisance, which the search chose of a few values, is
+    fitted as well: what it should have been would be in all others. Contacts are rough: differences
+    that are wide enough to look across what is rough lose sight of the bottom, so the last steps
+    take narrow ones.
     """
-    step = steps(own.loop, side.scales)
-    from_other = {**own.values, **{n: other.values[n] for n in term.names}}
-    pairs = zip(term.names, term.parameters, strict=True)
-    loose = (n for n, p in pairs if p.nuisance and p.lower < own.values[n] < p.upper)
-    free = [*own.free, *loose]
-    both = (
-        gauss_newton(side.fold, own.loop, start, free, step, VALLEY_STEPS)
-        for start in (own.values, from_other)
-    )
-    best = min(both, key=lambda f: f.cost)
-    narrow = {n: step[n] * NARROW if n in term.names else step[n] for n in step}
-    return gauss_newton(side.fold, own.loop, best.values, free, narrow, VALLEY_STEPS)
+
+    def one(side: Side, own: Fit, other: Fit) -> Fit:
+        """Return that of one fold."""
+        step = steps(own.loop, side.scales)
+        from_other = {**own.values, **{n: other.values[n] for n in term.names}}
+        loose = [n for n, p in zip(term.names, term.parameters, strict=True) if p.nuisance]
+        free = [*dict.fromkeys([*own.free, *loose])]
+        both = (
+            gauss_newton(side.fold, own.loop, start, free, step, VALLEY_STEPS)
+            for start in (own.values, from_other)
+        )
+        best = min(both, key=lambda f: f.cost)
+        narrow = {n: step[n] * NARROW if n in term.names else step[n] for n in step}
+        return gauss_newton(side.fold, own.loop, best.values, free, narrow, VALLEY_STEPS)
+
+    return tuple(threaded(one, sides, fits, fits[::-1])) if term.search == "valleys" else fits
 
 
 def frozen(

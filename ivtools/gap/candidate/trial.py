@@ -185,7 +185,12 @@ class Trial:
         return self.term.second_mass and self.unlike > APART
 
     def stands(self, laws: Laws | None) -> bool:
-        """Whether it is as large beside a force without a name as by itself."""
+        """Whether it is as large beside a force without a name as by itself.
+
+        What changes with use changes with time as well, which is judged by itself.
+        """
+        if laws is not None and self.term.of_time:
+            laws = laws.unused
         return stands(common(self.before), common(self.held), laws)
 
     @cached_property

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -197,6 +197,11 @@ class Laws:
     def of_use(self, fits: Sequence[Fit]) -> Spline:
         """Return the same of friction that remembers how much the axis moved."""
         return _Search(fits, self).of_use()
+
+    @cached_property
+    def unused(self) -> Laws:
+        """The others: none that remembers how much the axis moved."""
+        return replace(self, place={n: at for n, at in self.place.items() if n not in OF_USE})
 
 
 #: The laws along the motion of a fit and that of the other fold, as long as the first one is there.

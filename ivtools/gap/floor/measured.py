@@ -36,6 +36,8 @@ class Measured:
         The model without effects.
     floor : Floor
     parity : Parity
+    logged : Record
+        With its added input as it was logged, not as parity found it to act.
     driven : bool
         Whether the recorded command drives the model, and no controller of it counts.
     """
@@ -44,6 +46,7 @@ class Measured:
     base: Fit
     floor: Floor
     parity: Parity
+    logged: Record
     driven: bool = False
 
     @property
@@ -55,14 +58,6 @@ class Measured:
     def force(self) -> float:
         """Force of the drive, N or N m rms."""
         return self.base.fold.force_rms(self.base.loop)
-
-    @property
-    def logged(self) -> Record:
-        """The record with its added input as it was logged, not as parity found it to act."""
-        record, extra = self.fold.record, self.parity.mismatch.get("added", 0.0)
-        if self.driven or record.added is None or not extra:
-            return record
-        return replace(record, added=record.added / (1.0 + extra))
 
     def beyond(self, fit: Fit) -> float:
         """Return the force error of a fit beyond the noise, in energy, N or N m rms."""
@@ -97,7 +92,8 @@ def prepared(record: Record, checked: Parity, records: Sequence[Record]) -> Read
 
 def measure(ready: Ready) -> Measured:
     """Fit the base model, and learn the floor."""
-    record, loop, checked, place, driven, ramp, link = ready
+    logged, loop, checked, place, driven, ramp, link = ready
+    record = logged
     if not driven and record.added is not None and "added" in checked.mismatch:
         record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
     scales = Scales(record, loop)
@@ -128,7 +124,7 @@ def measure(ready: Ready) -> Measured:
         fold = replace(fold, smooth=level.generic)
     fit = gauss_newton(fold, loop, fit.values, free, step)
     rough = float(np.mean(level.event_mask))
-    return Measured(Side(fold, heard, scales, rough), fit, level, checked, driven)
+    return Measured(Side(fold, heard, scales, rough), fit, level, checked, logged, driven)
 
 
 def audible(m: Measured, least: float) -> Measured:

@@ -224,7 +224,8 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     own = {k: v for k, v in parity.mismatch.items() if k != "added"}
     if parity.trustworthy and "added" in gross and not own and not parity.taken:
         text = f"the added input acts with {1.0 + gross['added']:.3g} times its recorded size"
-        return [Finding(f"{text}; the diagnosis goes on with that: check its unit", fatal=False)]
+        wrong = "unit" if gross["added"] > -1.0 else "sign"
+        return [Finding(f"{text}; the diagnosis goes on with that: check its {wrong}", fatal=False)]
     if parity.trustworthy:
         text = _changes(loop.controller, own)
         text = f" ({text})" if text else f" ({described(parity.loop.controller)})"
