@@ -62,6 +62,12 @@ class Trial:
         both = zip(self.before, self.held, strict=True)
         return float(np.mean([b.cost - h.cost for b, h in both]))
 
+    @property
+    def explained(self) -> Array:
+        """Share of the whitened energy that it removes from the fold it was fitted to, per fold."""
+        both = zip(self.fits, self.before, strict=True)
+        return np.array([1.0 - f.cost / b.cost for f, b in both])
+
     @cached_property
     def amplitudes(self) -> Array:
         """Amplitude of the frozen effect on each held-out fold and its block t value, (2, 2)."""

@@ -22,7 +22,7 @@ from ..fold import Fold, Link, Side
 from ..library import library
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import ADEQUATE, ALONE, AUDIBLE, SATURATED, TOLERANCE, Rules
+from ..rules import ADEQUATE, ALONE, AUDIBLE, RATTLES, SATURATED, TOLERANCE, Rules
 from .refused import refused
 
 
@@ -291,7 +291,7 @@ def _attributed(begun: Begun) -> Attributed:
     measured, (sides, base), asked = begun.measured, begun.whole, begun.task
     more = (begun.rules, tuple(asked.extra), tuple(asked.without))
     result = attribute(sides, base, *more)
-    if not result.named and (alone := _alone(begun)) is not None:
+    if not result.named and (alone := _alone(begun, result)) is not None:
         return alone
     if not result.named and any(m.floor.isolated for m in measured):
         measured, whole = begun.calm, (sides, base)
@@ -301,11 +301,12 @@ def _attributed(begun: Begun) -> Attributed:
     return Attributed(begun, (measured if len(measured) == 2 else sides)[-1].fold, result)
 
 
-def _alone(begun: Begun) -> Attributed | None:
+def _alone(begun: Begun, both: Attribution) -> Attributed | None:
     """Return what one of two records shows by itself, the clearer one first.
 
     A load may rattle in one of two motions only, or at other moments in each, so that nothing
-    replicates between them: alternating stretches of one record tell it from what came once. So
+    replicates between them: alternating stretches of one record tell it from what came once, if a
+    second mass that was looked for in both explained something of that record by itself. So
     may any effect that the other motion does not show: then it changes nothing there, and the model
     of that record is as good with it as without.
     """
@@ -314,20 +315,24 @@ def _alone(begun: Begun) -> Attributed | None:
         return None
     extra = tuple(task.extra)
     others = tuple(t.name for t in library(begun.loop, extra) if not t.second_mass)
-    for one, other in sorted(zip(pair, pair[::-1], strict=True), key=lambda p: -p[0].base.cost):
+    for k in sorted(range(2), key=lambda k: -pair[k].base.cost):
+        one, other = pair[k], pair[1 - k]
         silent = other.base.cost < ADEQUATE
         if one.base.cost < ALONE or not (silent or any(m.floor.isolated for m in pair)):
             continue
         name, unmoved = one.fold.record.name, other.fold.record.name
-        (sides, base), more = folds((one,)), (begun.rules, extra)
-        result = attribute(sides, base, *more, (*task.without, *others))
-        who, but = f"judged on stretches of {name} alone", "nothing replicates between the records"
-        if not result.named and silent and one.fold.link is None:
-            result = attribute(sides, base, *more, tuple(task.without))
-            who, but = f"judged on {name} alone", f"the motion of {unmoved} does not show it"
-            if not _hidden(other, result):
+        ways, out = [], tuple(task.without)
+        if any(t.term.second_mass and t.explained[k] > RATTLES for t in both.trials):
+            but = "nothing replicates between the records"
+            ways.append((f"stretches of {name}", but, (*out, *others)))
+        if silent and one.fold.link is None:
+            ways.append((name, f"the motion of {unmoved} does not show it", out))
+        for where, but, left_out in ways:
+            sides, base = folds((one,))
+            result = attribute(sides, base, begun.rules, extra, left_out)
+            if not result.named or (left_out is out and not _hidden(other, result)):
                 continue
-        if result.named:
+            who = f"judged on {where} alone"
             said = f"{', '.join(result.named)}: {who}, {but}; record one motion twice to be sure"
             single = replace(task, record=one.fold.record, holdout=None)
             own = replace(one, floor=replace(one.floor, between=None))  # they differ by the effect
