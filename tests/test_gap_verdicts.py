@@ -299,7 +299,8 @@ def test_an_effect_of_time_or_use_falls_where_friction_that_remembers_use_does_b
     law, both = spline(0.6, (most,)), spline(0.2)
     laws = SimpleNamespace(fitted=lambda f: law if f is base else both, of_use=lambda f: law)
     monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
-    trial = SimpleNamespace(term=EFFECTS[effect], unlike=0.9)  # no law of the state could have it
+    term = EFFECTS[effect]
+    trial = SimpleNamespace(term=term, name=effect, unlike=0.9)  # no law of the state could have it
     assert names_kept([base, held], laws, [(trial,)], Rules())[:2] == (names, names)
     timed = trial.term.of_time  # with nothing left there is no law to see it by
     found = names_kept([base, held], None, [(trial,)], Rules())[:2]
@@ -309,10 +310,10 @@ def test_an_effect_of_time_or_use_falls_where_friction_that_remembers_use_does_b
 @pytest.mark.parametrize(
     ("effect", "over", "even", "kept"),
     [
-        ("position-friction", "q", 0.01, (1, 1, True)),
-        ("position-friction", "q", 0.2, (0, 0, False)),  # a force by direction
-        ("position-friction", "dq", 0.01, (0, 0, False)),
-        ("load-friction", "q", 0.01, (0, 0, False)),
+        ("position-friction", "q", 0.01, True),
+        ("position-friction", "q", 0.2, False),  # a force by direction
+        ("position-friction", "dq", 0.01, False),
+        ("load-friction", "q", 0.01, False),
     ],
 )
 def test_friction_over_position_is_not_outdone_by_its_own_curve(
@@ -322,8 +323,28 @@ def test_friction_over_position_is_not_outdone_by_its_own_curve(
     law, both = replace(spline(0.6, (over,)), even=lambda: even), spline(0.7, (over,))
     laws = SimpleNamespace(fitted=lambda f: law if f is base else both)
     monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
-    trial = SimpleNamespace(term=EFFECTS[effect], unlike=0.0, stands=lambda laws: False)
-    assert names_kept([base, held], laws, [(trial,)], Rules()) == kept
+    term = EFFECTS[effect]
+    trial = SimpleNamespace(term=term, name=effect, unlike=0.0, stands=lambda laws: False)
+    told = names_kept([base, held], laws, [(trial,)], Rules())
+    assert told == ((1, 1, {effect}) if kept else (0, 0, set()))
+    told = names_kept([base, held], laws, [(trial,)], Rules(), effect)  # by a further sensor
+    assert told == (1, 1, {effect})
+
+
+@pytest.mark.parametrize("use", [2.0, 0.6])
+def test_an_effect_of_time_that_beats_use_is_held_against_the_other_laws(use, monkeypatch):
+    """Of them none has much; use and the force of the drive together would do better."""
+    base, held = (left(3.0),), (left(0.9),)
+    law, plain, both = spline(0.5, ("heat", "drive")), spline(2.8, ("dq",)), spline(0.9)
+    others = SimpleNamespace(fitted=lambda f: plain if f is base else both)
+    laws = SimpleNamespace(
+        fitted=lambda f: law if f is base else both, of_use=lambda f: spline(use), unused=others
+    )
+    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
+    term = EFFECTS["friction-drift"]
+    trial = SimpleNamespace(term=term, name=term.name, unlike=0.0, stands=lambda laws: False)
+    told = names_kept([base, held], laws, [(trial,)], Rules())
+    assert told[:2] == ((1, 1) if use > 0.9 else (0, 0))
 
 
 def test_forces_that_remember_have_one_unit_on_every_fold():

@@ -53,8 +53,9 @@ class Attribution:
         Forces without a name along the motion of the base model, if something is left.
     surpassed : frozenset of str
         Effects without which such a force predicts better than with them.
-    itself : frozenset of str
-        Effects that are what such a force is.
+    certain : frozenset of str
+        Effects that are no guess: what a further sensor in the law has measured, and what such a
+        force is itself.
     full : tuple of Fit
         As `held`, with the effects that were taken back because their names were doubtful.
     supposed : Supposed, optional
@@ -69,7 +70,7 @@ class Attribution:
     rounds: tuple[Round, ...] = ()
     laws: Laws | None = None
     surpassed: frozenset[str] = frozenset()
-    itself: frozenset[str] = frozenset()
+    certain: frozenset[str] = frozenset()
     full: tuple[Fit, ...] = ()
     supposed: Supposed | None = None
 
@@ -151,7 +152,7 @@ class Attribution:
         """Return what speaks for one of the effects that were tried in a round."""
         others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
         found = weigh(trial, others, self.base, self.rules, self.full or self.held)
-        if trial.name == r.measured or trial.name in self.itself:
+        if trial.name in self.certain:
             return replace(found, unlike=1.0)
         return replace(found, surpassed=trial.name in self.surpassed)
 

@@ -34,13 +34,14 @@ class Kept(NamedTuple):
         That may be given at all.
     told : int
         Of these, those that tell more than a force without a name does.
-    itself : bool
-        Whether the first one is what such a force is: friction over position.
+    certain : frozenset of str
+        Names that are no guess: of what a further sensor in the law has measured, and of friction
+        over position where such a force is just that.
     """
 
     most: int
     told: int
-    itself: bool = False
+    certain: frozenset[str] = frozenset()
 
 
 def names_kept(
@@ -48,7 +49,7 @@ def names_kept(
     laws: Laws | None,
     groups: Sequence[Sequence[Trial]],
     rules: Rules,
-    least: int = 0,
+    measured: str = "",
 ) -> Kept:
     """Return how many names are kept, and how many of them tell more than a force without a name.
 
@@ -57,10 +58,10 @@ def names_kept(
     better by itself.
     Those beyond it need better evidence than the others, and have no name if that force is a law of
     one signal. The first is none of them if a further sensor in the law has measured it, for that
-    is no guess: `least` is 1 then; nor if it is friction over position, and the force without a
-    name is just that, whatever its curve. What changes with use changes with time as well: an
-    effect of time has no name unless it does better than friction that warms up, nor has one of
-    what such friction describes best; one that does is held against the other laws only.
+    is no guess; nor if it is friction over position, and the force without a name is just that,
+    whatever its curve. What changes with use changes with time as well: an effect of time has no
+    name unless it does better than friction that warms up, nor has one of what such friction
+    describes best; one that does is held against the other laws only.
 
     Parameters
     ----------
@@ -72,7 +73,8 @@ def names_kept(
         What gets each name, or two at once. One that has what no smooth law could have, or stands
         beside one, is not outdone by such a law.
     rules : Rules
-    least : int
+    measured : str
+        The effect that a further sensor in the law speaks for.
 
     L. Breiman, J. H. Friedman, R. A. Olshen, C. J. Stone, "Classification and Regression Trees",
     1984, section 3.4.3: the one-standard-error rule.
@@ -98,9 +100,11 @@ def names_kept(
         same = more.cost - fewer.cost <= TIE * (cost(models[0]) - fewer.cost)
         return not same and _worth(models[0], fewer, more) < -STANDARD_ERRORS
 
-    first = groups[0] if left and groups else ()
-    itself = any(t.term.of_place for t in first) and left[0].of_place
-    least = max(least, int(itself))
+    first = [t for group in groups[:1] for t in group]
+    certain = {t.name for group in groups for t in group} & {measured}
+    if left and left[0].of_place:
+        certain |= {t.name for t in first if t.term.of_place}
+    least = min(int(any(t.name in certain for t in first)), most)
 
     def holds(k: int) -> bool:
         """Whether so many names do."""
@@ -112,11 +116,10 @@ def names_kept(
             return True
         return any(map(own, groups[:k]))
 
-    least = min(least, most)
     told = next((k for k in range(most, least, -1) if holds(k)), least)
     if left and left[told].single:  # it is no law that may be like anything
         most = told
-    return Kept(most, told, itself)
+    return Kept(most, told, frozenset(certain))
 
 
 def _not_use(before: tuple[Fit, ...], after: tuple[Fit, ...], laws: Laws | None) -> bool:

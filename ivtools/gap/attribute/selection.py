@@ -79,14 +79,13 @@ def attribute(
     models = [common(fits) for fits in (base, *(t.held for t in ends))] if ends else []
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
     laws = Laws.of(models[0]) if left else None
-    seen = bool(groups) and groups[0][0].name == rounds[0].measured
-    most, told, itself = names_kept(models, laws, groups, rules, int(seen))
+    most, told, certain = names_kept(models, laws, groups, rules, rounds[0].measured)
     fits, held = (ends[most - 1].fits, ends[most - 1].held) if most else (base, base)
     names = [t.name for group in groups[:most] for t in group]
     surpassed = frozenset(t.name for group in groups[told:most] for t in group)
-    same = frozenset(t.name for t in groups[0] if t.term.of_place) if itself else frozenset()
     kept, fits, held = _backward(sides, base, fits, held, names)
-    found = Attribution(base, fits, held, tuple(kept), rules, tuple(rounds), laws, surpassed, same)
+    played = tuple(rounds)
+    found = Attribution(base, fits, held, tuple(kept), rules, played, laws, surpassed, certain)
     found = _beside_others(sides, found, tried)
     ended = {tuple(names[: names.index(t.name) + 1]): t for t in ends[:most]}
     found = _withdrawn(sides, found, ended)
@@ -213,7 +212,7 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
     found : Attribution
         On the folds without those stretches.
     """
-    if not found.named or found.rounds[0].measured in found.named:
+    if not found.named or found.certain & {*found.named}:
         return found
     models = [common(fits) for fits in (base, frozen(sides, found.fits))]
     laws = Laws.of(models[0])
