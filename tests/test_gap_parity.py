@@ -61,7 +61,7 @@ def test_an_added_input_of_another_size_comes_back(loop):
 
 @pytest.mark.parametrize("size", [2.0, 0.5, -1.0])
 def test_an_added_input_of_another_size_or_sign_does_not_hide_the_limit(loop, size):
-    """Less what was logged, the law's own command would be beyond its limit, or seem to be at it."""
+    """Less what was logged, the law's own command would be beyond its limit, or at it."""
     n = iv.datasets.twin().n_samples
     added = 4.0 * ((np.arange(n) // 700) % 2)
     record = played(loop, added=added)
