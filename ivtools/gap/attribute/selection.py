@@ -296,7 +296,8 @@ def _backward(
     """Drop effects that a later one made superfluous, or that stand for a descent that ended early.
 
     What is far from superfluous to first order is not fitted without, unless it was found beside a
-    valley: that may go deeper without it, from where both are. Of others the last one is needed.
+    valley: that may go deeper without it, from where both are. The last name is needed, but for one
+    beside a valley that goes deeper without it than with it.
     """
     valleys = {t.name for t in fits[0].loop.terms if t.search == "valleys"}
     found = tuple(named)
@@ -308,7 +309,7 @@ def _backward(
         fewer = _without(sides, fits, name)
         judged = frozen(sides, fewer)
         loss = np.mean([j.cost - h.cost for j, h in zip(judged, held, strict=True)])
-        if loss < SUPERFLUOUS * gap:
+        if loss < (0.0 if name == found[-1] else SUPERFLUOUS * gap):
             named, fits, held = [n for n in named if n != name], fewer, judged
     return named, fits, held
 
