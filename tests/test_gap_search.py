@@ -308,6 +308,32 @@ def test_a_further_name_does_not_stand_for_a_descent_that_ended_early():
     assert gap.effects == ("backlash",) and gap.shrink.closed > 0.95
 
 
+@pytest.mark.parametrize(
+    ("names", "left", "kept"),
+    [
+        (("backlash", "stribeck"), 0.99, ("backlash",)),  # the valley goes deeper without it
+        (("backlash", "stribeck"), 1.01, ("backlash", "stribeck")),
+        (("stribeck", "backlash"), 0.99, ("stribeck", "backlash")),  # found before the valley
+        (("cogging", "stribeck"), 0.99, ("cogging", "stribeck")),  # the last one is needed
+        (("backlash", "cogging", "stribeck"), 1.01, ("backlash", "stribeck")),  # 1 % of the gap
+        (("backlash", "cogging", "stribeck"), 9.0, ("backlash", "cogging", "stribeck")),
+    ],
+)
+def test_what_is_left_out_once_more(names, left, kept, monkeypatch):
+    """Each name is sure to first order; without one of them so much is left, with all of them 1."""
+
+    def model(cost, names=()):
+        terms = [EFFECTS[n] for n in names]
+        return (SimpleNamespace(cost=cost, loop=SimpleNamespace(terms=terms)),) * 2
+
+    monkeypatch.setattr(selection, "_lost", lambda fit, name: 100.0)
+    monkeypatch.setattr(selection, "_without", lambda sides, fits, name: model(left))
+    monkeypatch.setattr(selection, "frozen", lambda sides, fits: fits)
+    whole = model(1.0, names)
+    found, *_ = selection._backward((), model(2.0), whole, whole, list(names))
+    assert tuple(found) == kept
+
+
 def test_a_drift_that_beats_friction_of_use_is_held_against_the_other_laws_only():
     """Friction of use and the force of the drive together predict it a little better."""
     loop, one, two, case = drawn("single", 7802, ("friction-drift",))
