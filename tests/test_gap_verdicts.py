@@ -347,6 +347,25 @@ def test_an_effect_of_time_that_beats_use_is_held_against_the_other_laws(use, mo
     assert told[:2] == ((1, 1) if use > 0.9 else (0, 0))
 
 
+@pytest.mark.parametrize(("use", "names"), [(1.2, 2), (0.3, 0)])
+def test_what_changes_with_use_may_be_a_drift_that_gets_the_second_name(use, names, monkeypatch):
+    """Beside the first one friction that warms up is what is left, unless it is the drift."""
+    models = [(left(3.0),), (left(1.5),), (left(0.8),)]
+    law, others = spline(1.3, ("heat",)), spline(2.8, ("dq",))
+    rest = SimpleNamespace(fitted=lambda f: others if f is models[0] else spline(0.8))
+    laws = SimpleNamespace(
+        fitted=lambda f: law if f is models[0] else spline(0.8),
+        of_use=lambda f: spline(1.3 if f is models[0] else use),
+        unused=rest,
+    )
+    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
+    pair = [
+        SimpleNamespace(term=EFFECTS[n], name=n, unlike=0.0, stands=lambda laws: False)
+        for n in ("spring", "friction-drift")
+    ]
+    assert names_kept(models, laws, [(t,) for t in pair], Rules())[:2] == (names, names)
+
+
 def test_forces_that_remember_have_one_unit_on_every_fold():
     run = iv.axes.emps().simulate(iv.datasets.twin(), BASE)
     slow = SimpleNamespace(q=run.q, dq=0.5 * run.dq, tau=0.5 * run.tau, t=run.t)

@@ -7,6 +7,7 @@ of names and without any, and held-out data judge.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 from ...workers import threaded
@@ -86,10 +87,19 @@ def names_kept(
         """Whether one of these effects has what a force without a name has not."""
         return any(t.unlike > UNLIKE_SMOOTH or t.stands(laws) for t in group)
 
+    @cache
+    def not_use(k: int) -> bool:
+        """Whether what gets the k-th name does better than friction that warms up."""
+        return _not_use(models[k], models[k + 1], Laws.of(models[0]))
+
     def lasts(k: int) -> bool:
-        """Whether what gets the k-th name is none of use, if it may be one."""
+        """Whether what gets the k-th name is none of use, if it may be one.
+
+        What changes with use may be that of a later name.
+        """
         used = timed[k] or (bool(left) and left[k].of_use)
-        return not used or _not_use(models[k], models[k + 1], Laws.of(models[0]))
+        later = range(k + 1, len(groups)) if not timed[k] else ()
+        return not used or any(timed[j] and not_use(j) for j in later) or not_use(k)
 
     most = next((k for k in range(len(groups)) if not lasts(k)), len(groups))
     if laws is not None and any(timed[:most]):  # it is time and not use: that has been judged
