@@ -334,6 +334,12 @@ def test_what_is_left_out_once_more(names, left, kept, monkeypatch):
     assert tuple(found) == kept
 
 
+def test_where_the_loop_is_open_nothing_is_looked_for_but_the_limit_is_said():
+    loop, one, two, case = drawn("controllers", 7900, ("saturation",), ("pd",))
+    gap = iv.diagnose(one, loop, two)
+    assert gap.effects == ("saturation",) and not gap.ranking
+
+
 def test_a_drift_that_beats_friction_of_use_is_held_against_the_other_laws_only():
     """Friction of use and the force of the drive together predict it a little better."""
     loop, one, two, case = drawn("single", 7802, ("friction-drift",))

@@ -79,7 +79,8 @@ def attribute(
     models = [common(fits) for fits in (base, *(t.held for t in ends))] if ends else []
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
     laws = Laws.of(models[0]) if left else None
-    most, told, certain = names_kept(models, laws, groups, rules, rounds[0].measured)
+    seen = rounds[0].measured if rounds else ""
+    most, told, certain = names_kept(models, laws, groups, rules, seen)
     fits, held = (ends[most - 1].fits, ends[most - 1].held) if most else (base, base)
     names = [t.name for group in groups[:most] for t in group]
     surpassed = frozenset(t.name for group in groups[told:most] for t in group)
