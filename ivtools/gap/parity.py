@@ -325,10 +325,10 @@ def _explains(signals: Signals, controller: Controller, law: Array, level: float
 
     One with an integrator, a little wrong, may hardly exceed the limit where it begins and ends.
     """
-    own = signals.command - signals.added
-    cut = (own - np.clip(law, -level, level))[PARITY_HEAD:]
+    own = (signals.command - signals.added)[PARITY_HEAD:]
+    cut = own - np.clip(law, -level, level)[PARITY_HEAD:]
     free = signals.limited(np.inf, np.inf).error(controller, controller.delay, 0.0)[PARITY_HEAD:]
-    return float(cut @ cut) < LIMIT_LEAVES * float(free @ free)
+    return float(cut @ cut) < LIMIT_LEAVES * min(float(free @ free), float(own @ own))
 
 
 def _best_delay(

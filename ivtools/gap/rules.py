@@ -42,8 +42,9 @@ FLATTER = 0.1
 CUT = 1.02
 #: Share of the samples at the top at which the law must have been cut (training).
 CUT_SHARE = 0.8
-#: Energy of the parity error that a limit leaves, of that without it, at most, where the law was
-#: cut at fewer of them (judgement: nothing else takes nearly all of it; 2e-4 in training).
+#: Energy of the parity error that a limit leaves, of that without it and of the command, at most,
+#: where the law was cut at fewer of them (judgement: nothing else takes nearly all of it; 2e-4 of
+#: the one and 6e-3 of the other in training).
 LIMIT_LEAVES = 0.01
 #: Relative error of a gain that is worth a name (physics: no gain is known better).
 GAIN_ERROR = 0.004
