@@ -13,7 +13,7 @@ from concurrent.futures import CancelledError, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from functools import cache
-from threading import Lock, Semaphore, Thread
+from threading import Lock, Thread
 from time import perf_counter, sleep
 from types import ModuleType
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -299,14 +299,14 @@ def one_blas_thread() -> Iterator[None]:
                 _RUNNING.close()
 
 
-_SPARE = Semaphore(1)  # threads that have nothing to do
+_SECOND = Lock()  # held while the second thread works
 
 
 def threaded(f: Callable[..., Result], *items: Iterable[Any]) -> list[Result]:
     """Return what a function gives for each of some items, as `map` does, on two threads.
 
-    The one that has nothing to do helps whoever has something left: of parts that are made of
-    parts, the small ones are shared as well. Two are all that work in a process.
+    The second one helps whoever has something left to do when it has not: of parts that are made
+    of parts, the small ones are shared as well. Two are all there are in a process.
 
     Parameters
     ----------
@@ -329,25 +329,20 @@ def threaded(f: Callable[..., Result], *items: Iterable[Any]) -> list[Result]:
             for k in waiting:
                 done[k] = f(*tasks[k])
         finally:
-            _SPARE.release()
+            _SECOND.release()
 
     with ThreadPoolExecutor(1) as pool:
         helped = []
         try:
             for k in waiting:
-                if k + 1 < len(tasks) and _SPARE.acquire(blocking=False):
+                if k + 1 < len(tasks) and _SECOND.acquire(blocking=False):
                     helped.append(pool.submit(help_out))
                 done[k] = f(*tasks[k])
         finally:
             for _ in waiting:  # what fails here ends there too
                 pass
-        if helped:
-            _SPARE.release()  # whoever helped may be helped meanwhile
-            try:
-                for one in helped:  # what failed there fails here
-                    one.result()
-            finally:
-                _SPARE.acquire()
+        for one in helped:  # what failed there fails here
+            one.result()
     return [done[k] for k in range(len(tasks))]
 
 
