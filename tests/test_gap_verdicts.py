@@ -338,7 +338,9 @@ def test_an_effect_of_time_that_beats_use_is_held_against_the_other_laws(use, mo
     law, plain, both = spline(0.5, ("heat", "drive")), spline(2.8, ("dq",)), spline(0.9)
     others = SimpleNamespace(fitted=lambda f: plain if f is base else both)
     laws = SimpleNamespace(
-        fitted=lambda f: law if f is base else both, of_use=lambda f: spline(use), unused=others
+        fitted=lambda f: law if f is base else both,
+        of_use=lambda f: spline(use),
+        without_use=others,
     )
     monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
     term = EFFECTS["friction-drift"]
@@ -356,7 +358,7 @@ def test_what_changes_with_use_may_be_a_drift_that_gets_the_second_name(use, nam
     laws = SimpleNamespace(
         fitted=lambda f: law if f is models[0] else spline(0.8),
         of_use=lambda f: spline(1.3 if f is models[0] else use),
-        unused=rest,
+        without_use=rest,
     )
     monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
     pair = [

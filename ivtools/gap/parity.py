@@ -239,6 +239,11 @@ class Signals:
         self.limit = loop.controller.limit  # at which the record was clipped
         self.least = AT_LIMIT * self.limit  # from which it sits there
 
+    @property
+    def own(self) -> Array:
+        """Recorded command of the law itself, without the added input, (n_samples,)."""
+        return np.asarray(self.command - self.added)
+
     def limited(self, limit: float, least: float) -> Signals:
         """Return the same of a record that was clipped there, and sits there from `least` on."""
         other = copy(self)
@@ -280,7 +285,7 @@ def _limit(
 
     The top of a command that was measured, as a current is, is as flat as its noise lets it.
     """
-    own = np.abs(signals.command - signals.added)
+    own = np.abs(signals.own)
     largest = float(np.max(own))
     for level, least in (_level(signals, controller, own), (largest, AT_TOP * largest)):
         at_top = own > least
@@ -316,7 +321,7 @@ def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float,
 
 def _cut(signals: Signals, law: Array, level: float) -> NDArray[np.bool_]:
     """Return where a law gives more than a level, with the sign of the command, (n_samples,)."""
-    same = np.sign(law) == np.sign(signals.command - signals.added)
+    same = np.sign(law) == np.sign(signals.own)
     return (np.abs(law) > CUT * level) & same
 
 
@@ -325,7 +330,7 @@ def _explains(signals: Signals, controller: Controller, law: Array, level: float
 
     One with an integrator, a little wrong, may hardly exceed the limit where it begins and ends.
     """
-    own = (signals.command - signals.added)[PARITY_HEAD:]
+    own = signals.own[PARITY_HEAD:]
     cut = own - np.clip(law, -level, level)[PARITY_HEAD:]
     free = signals.limited(np.inf, np.inf).error(controller, controller.delay, 0.0)[PARITY_HEAD:]
     return float(cut @ cut) < LIMIT_LEAVES * min(float(free @ free), float(own @ own))

@@ -103,7 +103,7 @@ def names_kept(
 
     most = next((k for k in range(len(groups)) if not lasts(k)), len(groups))
     if laws is not None and any(timed[:most]):  # it is time and not use: that has been judged
-        left = threaded(laws.unused.fitted, models)
+        left = threaded(laws.without_use.fitted, models)
 
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""

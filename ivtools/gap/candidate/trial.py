@@ -196,7 +196,7 @@ class Trial:
         What changes with use changes with time as well, which is judged by itself.
         """
         if laws is not None and self.term.of_time:
-            laws = laws.unused
+            laws = laws.without_use
         return stands(common(self.before), common(self.held), laws)
 
     @cached_property

@@ -324,13 +324,13 @@ def _alone(begun: Begun, both: Attribution) -> Attributed | None:
         ways, out = [], tuple(task.without)
         if any(t.term.second_mass and t.explained[k] > RATTLES for t in both.trials):
             but = "nothing replicates between the records"
-            ways.append((f"stretches of {name}", but, (*out, *others)))
+            ways.append((f"stretches of {name}", but, (*out, *others), False))
         if silent and one.fold.link is None:
-            ways.append((name, f"the motion of {unmoved} does not show it", out))
-        for where, but, left_out in ways:
+            ways.append((name, f"the motion of {unmoved} does not show it", out, True))
+        for where, but, left_out, hidden in ways:
             sides, base = folds((one,))
             result = attribute(sides, base, begun.rules, extra, left_out)
-            if not result.named or (left_out is out and not _hidden(other, result)):
+            if not result.named or (hidden and not _hidden(other, result)):
                 continue
             who = f"judged on {where} alone"
             said = f"{', '.join(result.named)}: {who}, {but}; record one motion twice to be sure"

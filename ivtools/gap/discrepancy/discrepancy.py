@@ -199,8 +199,8 @@ class Laws:
         return _Search(fits, self).of_use()
 
     @cached_property
-    def unused(self) -> Laws:
-        """The others: none that remembers how much the axis moved."""
+    def without_use(self) -> Laws:
+        """Those that do not remember how much the axis moved."""
         return replace(self, place={n: at for n, at in self.place.items() if n not in OF_USE})
 
 

@@ -78,7 +78,7 @@ def _commands(record: Record, loop: ClosedLoop) -> tuple[Array, Array] | None:
         return None
     delay = loop.controller.delay
     expected = expected[: len(expected) - delay]
-    recorded = (signals.command - signals.added)[delay:]
+    recorded = signals.own[delay:]
     usable = np.isfinite(expected).all() and np.ptp(recorded) > 0.0 and np.ptp(expected) > 0.0
     if not usable:
         return None
