@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -78,16 +79,22 @@ class LoopFilter:
                 f"filter hz is {self.hz:g}, the sampling rate {1 / dt:g} Hz; a filter lies below "
                 "half of the sampling rate"
             )
-        w = 2.0 * np.pi * self.hz
-        if self.damping is None:
-            analog = ([w], [1.0, w])
-        else:
-            over = [w * w] if self.kind == "lowpass" else [1.0, 0.0, w * w]
-            analog = (over, [1.0, 2.0 * self.damping * w, w * w])
-        digital = signal.bilinear(*analog, fs=0.5 * w / np.tan(0.5 * w * dt))
-        return np.asarray(digital[0], dtype=float), np.asarray(digital[1], dtype=float)
+        return _digital(self, dt)
 
     def behind(self, law: LinearLaw, dt: float) -> LinearLaw:
         """Return a law that passes its command through this filter."""
         A, b, c, d = signal.tf2ss(*self.coefficients(dt))
         return law.into(A, b[:, 0], c[0], float(d[0, 0]))
+
+
+@lru_cache(maxsize=64)  # a search for a law asks for the same filter thousands of times
+def _digital(of: LoopFilter, dt: float) -> tuple[Array, Array]:
+    """Return numerator and denominator of a filter in powers of z^-1."""
+    w = 2.0 * np.pi * of.hz
+    if of.damping is None:
+        analog = ([w], [1.0, w])
+    else:
+        over = [w * w] if of.kind == "lowpass" else [1.0, 0.0, w * w]
+        analog = (over, [1.0, 2.0 * of.damping * w, w * w])
+    digital = signal.bilinear(*analog, fs=0.5 * w / np.tan(0.5 * w * dt))
+    return np.asarray(digital[0], dtype=float), np.asarray(digital[1], dtype=float)
