@@ -166,7 +166,8 @@ def _checked(record: Record, loop: ClosedLoop) -> Parity:
         clipped=float(np.mean(at_limit)),
         declared=loop.controller,
     )
-    return _read(found, signals, record, loop) if found.after > PARITY_POOR else found
+    limited = limit is not None and found.after**2 < LIMIT_LEAVES  # behind it the law is right
+    return found if limited or found.after <= PARITY_POOR else _read(found, signals, record, loop)
 
 
 def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> Parity:
