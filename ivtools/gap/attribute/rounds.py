@@ -7,7 +7,7 @@ name, and what is not distinguishable from it is said to be so.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,7 @@ from ..rules import (
     ROUGH,
     TIE,
     TWIN,
+    VALLEY_DEPTH,
     WORTH_A_FIT,
     Rules,
 )
@@ -57,6 +58,8 @@ class Round:
     measured : str
         The effect that a further sensor in the law speaks for: it gets the name where its gain is
         within this `margin` of the largest.
+    vain : mapping
+        Effects of which no valley was found, and what one may remove at most that was missed.
     """
 
     gains: dict[str, float]
@@ -65,6 +68,7 @@ class Round:
     qualified: tuple[Trial, ...] = ()
     measured: str = ""
     margin: float = 0.0
+    vain: dict[str, float] = field(default_factory=dict)
 
     @cached_property
     def best(self) -> Trial | None:
@@ -133,6 +137,11 @@ class Round:
         return replace(self, qualified=(max(much, key=lambda t: t.gain),), measured="")
 
     @property
+    def removed(self) -> dict[str, float]:
+        """Energy that each effect which was tried removes, or might."""
+        return {**self.vain, **{t.name: t.removed for t in self.trials}}
+
+    @property
     def valleys(self) -> dict[str, dict[str, float]]:
         """Where the valleys of effects that help were found: their parameters by short name."""
         tried = (t for t in self.trials if t.term.search == "valleys" and t.gain > 0.0)
@@ -184,9 +193,11 @@ def play(
     if cost(held) < CLEAN:
         rules = rules.at_floor
     found = _screened(sides, fits, terms)
-    removed = {t.name: t.removed for r in rounds for t in r.trials}
+    removed = {n: size for r in rounds for n, size in r.removed.items()}
     seen = "flexibility" if all(s.scales.second_body for s in sides) else ""
-    trials = tuple(_tried(sides, fits, held, found, rules, removed, seen))
+    tried = _tried(sides, fits, held, found, rules, removed, seen)
+    trials = tuple(t for t in tried.values() if t is not None)
+    vain = {n: (1.0 - VALLEY_DEPTH) * cost(held) for n, t in tried.items() if t is None}
     similar = set().union(*(r.similar(rules.similar) for r in rounds))
     least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
     new = [
@@ -205,7 +216,7 @@ def play(
         _scores(side.fold, f, [(t.before[i], t.held[i]) for t in trials])
         for i, (side, f) in enumerate(zip(sides, found, strict=True))
     )
-    return Round(_gains(found), trials, scores, qualified, seen, rules.equivalence_open)
+    return Round(_gains(found), trials, scores, qualified, seen, rules.equivalence_open, vain)
 
 
 def _largest(trials: Sequence[Trial], rules: Rules) -> float:
@@ -236,8 +247,8 @@ def _tried(
     rules: Rules,
     removed: dict[str, float],
     seen: str = "",
-) -> list[Trial]:
-    """Fit the best of the screening.
+) -> dict[str, Trial | None]:
+    """Fit the best of the screening; None of what has no place to begin.
 
     The screening, of first order, does not see a narrow valley. Effects with many are searched as
     well where everything else leaves a gap, and smooth laws of the state leave many
@@ -253,35 +264,44 @@ def _tried(
     first = {*list(gains)[: rules.refit], *lasting[: rules.refit]}
     chosen = [n for n in gains if n in first and gains[n] > least]
     chosen += [n for n in gains if n == seen and n not in chosen]
-    tried: list[Trial] = []
+    tried: dict[str, Trial | None] = {}
     explains = replace(rules, worth=0.0)  # what is too little for a name explains the rest too
+
+    def fitted() -> list[Trial]:
+        """Return what was fitted so far."""
+        return [t for t in tried.values() if t is not None]
 
     def fit(names: list[str], best: float = 0.0) -> float:
         """Try some effects; return the largest gain that reaches its threshold so far."""
         left = (1.0 - best) * cost(held)
         tasks = [[f[n] for f in found] for n in names]
         made = threaded(lambda scores: attempt(sides, fits, held, scores, left), tasks)
-        tried.extend(trial for trial in made if trial is not None)
-        return _largest(tried, explains)
+        tried.update(zip(names, made, strict=True))
+        return _largest(fitted(), explains)
 
     best = fit(chosen[:AT_FIRST])
-    near = RIVAL * min([best, *(gains[t.name] for t in tried if t.gain >= best > 0.0)])
+    near = RIVAL * min([best, *(gains[t.name] for t in fitted() if t.gain >= best > 0.0)])
     best = fit([n for n in chosen[AT_FIRST:] if gains[n] > near], best)
-    leader = max(tried, key=lambda t: t.gain, default=None)
+    leader = max(fitted(), key=lambda t: t.gain, default=None)
     if leader is not None and leader.term.of_speed and (1.0 - best) * cost(held) > CLEAN:
         # whatever else is there bends the form of such a law: all of them are rivals
-        done = {t.name for t in tried}
-        best = fit([n for n in gains if n not in done and found[0][n].term.of_speed], best)
+        best = fit([n for n in gains if n not in tried and found[0][n].term.of_speed], best)
     gap = max(cost(held) - 1.0, 1e-9)
+
+    def hopeful(names: Iterable[str]) -> list[str]:
+        """Return those that are not tried yet, and might be most of what is left."""
+        most = rules.search_left * ((1.0 - best) * cost(held) - 1.0)
+        hopeless = {n for n, size in removed.items() if size < most}
+        return sorted({*names} - {*tried} - hopeless)
+
     if cost(held) > ADEQUATE and best * cost(held) < MOST * gap:
         # first order does not see what takes the place of dry friction, where that is bent
-        done, terms = {t.name for t in tried}, {n: found[0][n].term for n in gains}
+        terms = {n: found[0][n].term for n in gains}
         bent = [n for n, t in terms.items() if t.law is None and t.search == "scan"]
-        best = fit([n for n in bent if n not in done], best)
+        best = fit(hopeful(bent), best)
     rough, left = max(s.rough for s in sides) > ROUGH, (1.0 - best) * cost(held)
     if rough and left > ADEQUATE and best * cost(held) < ALL_CLOSED * gap:
-        hopeless = {n for n, r in removed.items() if r < rules.search_left * (left - 1.0)}
-        fit(sorted(valleys - {*chosen} - hopeless), best)
+        fit(hopeful(valleys - {*chosen}), best)
     return tried
 
 
