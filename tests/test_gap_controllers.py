@@ -16,7 +16,7 @@ from ivtools.loop.axis_file import from_tables
 pytestmark = pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
 
 
-def played(kind, effect=None, seed=3, hz=500.0, **changes):
+def played(kind, effect=None, seed=3, hz=500.0, n=8000, **changes):
     """Return a declared loop without effect, and a record of the same with it."""
     rng = np.random.default_rng([seed, len(kind)])
     loop, theta, stroke = populations.axis(rng, ("prismatic", "revolute")[seed % 2])
@@ -27,13 +27,13 @@ def played(kind, effect=None, seed=3, hz=500.0, **changes):
         force = 0.9 * theta["coulomb"]
         true = declared.with_effect("stribeck", force=force, speed=0.15 * stroke)
         theta = {**theta, "stribeck.force": force, "stribeck.speed": 0.15 * stroke}
-    record = populations.reference(rng, 8000, hz, stroke)
+    record = populations.reference(rng, n, hz, stroke)
     sim = true.simulate(
         record,
         theta,
         initial="rest",
-        position_noise=1e-6 * stroke * rng.normal(size=8000),
-        force_noise=0.03 * theta["coulomb"] * rng.normal(size=8000),
+        position_noise=1e-6 * stroke * rng.normal(size=n),
+        force_noise=0.03 * theta["coulomb"] * rng.normal(size=n),
     )
     return declared, record.replace(q=sim.q, nu=sim.nu)
 
@@ -121,3 +121,20 @@ def test_a_limit_is_seen_in_a_command_that_was_measured(kind, noise):
             assert shown.limit is None
         else:
             assert shown.limit == pytest.approx(share * top, rel=0.01) and not shown.mismatch
+
+
+@pytest.mark.parametrize("seed", range(3, 9))
+def test_a_smooth_peak_that_is_sampled_fast_is_no_limit(seed):
+    """Viscous friction is the load: a law with a wrong gain gives more wherever that is largest."""
+    loop, record = played("pid", seed=seed, hz=5000.0, n=50_000)
+    theta = iv.IDIMLS().fit(record, loop).params
+    slow = 0.3 * np.ptp(record.q_ref) * np.sin(2.0 * np.pi * 0.2 * record.t)[:, None]
+    true = replace(loop.controller, settings={**loop.controller.settings, "c": 0.0})
+    loop = replace(loop, controller=true)
+    theta = {**theta, "viscous": 0.5 * loop.gain * true.settings["kd"]}
+    sim = loop.simulate(record.replace(q_ref=slow, dq_ref=None), theta, initial="rest")
+    logged = record.replace(q=sim.q, q_ref=slow, dq_ref=None, nu=sim.nu)
+    wrong = replace(true, settings={**true.settings, "kp": true.settings["kp"] / 0.8})
+    shown = parity.check(logged, replace(loop, controller=wrong))
+    assert shown.limit is None
+    assert shown.mismatch == {"kp": pytest.approx(-0.2, abs=0.01)}

@@ -48,6 +48,7 @@ from .rules import (
     PARITY_HEAD,
     PARITY_POOR,
     ROUGHEST,
+    SITS,
 )
 
 Array = NDArray[np.float64]
@@ -288,7 +289,7 @@ def _limit(
     """
     own = np.abs(signals.own)
     largest = float(np.max(own))
-    for level, least in (_level(signals, controller, own), (largest, AT_TOP * largest)):
+    for level, least in (_level(signals, controller, own), _top(own)):
         at_top = own > least
         if at_top.sum() < LIMIT_SAMPLES:
             continue
@@ -300,6 +301,17 @@ def _limit(
             declared = largest >= AT_LIMIT * controller.limit
             return found, None if declared else level, at_top
     return signals, None, own >= signals.least
+
+
+def _top(own: Array) -> tuple[float, float]:
+    """Return the largest command and the least from which it sits there, if it does.
+
+    A smooth peak that is sampled fast has many samples near its top as well.
+    """
+    largest = float(np.max(own))
+    least = AT_TOP * largest
+    sits = np.median(own[own >= least]) >= least + SITS * (largest - least)
+    return largest, least if sits else np.inf
 
 
 def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float, float]:

@@ -30,6 +30,9 @@ LIMIT_SAMPLES = 8
 AT_LIMIT = 0.999
 #: Share of the largest command from which it sits on an undeclared limit (numerics).
 AT_TOP = 0.9995
+#: Share of the way from there to the limit beyond which half of these samples lie (theory: of a
+#: smooth peak three quarters of it, of a limit all).
+SITS = 0.9
 #: Share of the largest command from which an integrator is taken to stand, for a first look at a
 #: noisy limit (training), median deviations below such a limit at which the command is still there
 #: (theory: 4 standard deviations), and how much of the limit they are at most: else it is none
