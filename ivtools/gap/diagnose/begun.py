@@ -287,13 +287,17 @@ class Attributed(NamedTuple):
 
 
 def _attributed(begun: Begun) -> Attributed:
-    """Attribute; if nothing is named, once more without the stretches that stand out."""
+    """Attribute; if nothing qualifies, once more without the stretches that stand out.
+
+    What qualifies with them and gets no name falls to a force without one, which they are not.
+    """
     measured, (sides, base), asked = begun.measured, begun.whole, begun.task
     more = (begun.rules, tuple(asked.extra), tuple(asked.without))
     result = attribute(sides, base, *more)
     if not result.named and (alone := _alone(begun, result)) is not None:
         return alone
-    if not result.named and any(m.floor.isolated for m in measured):
+    fell = any(r.qualified for r in result.rounds)
+    if not (result.named or fell) and any(m.floor.isolated for m in measured):
         measured, whole = begun.calm, (sides, base)
         sides, base = begun.quiet
         again = upheld(*whole, attribute(sides, base, *more))
