@@ -29,6 +29,7 @@ class Laws(NamedTuple):
     known: Array
     gains: Array
     taps: Array
+    sensed: NDArray[np.bool_]
     known_inner: Array
     A: Array
     B: Array
@@ -187,8 +188,9 @@ def _control(laws, outside, quantum, whole, w, k, p, on, out):
         q = measure(w.x.q[j], noise, quantum[j], p[j], on[j])
         w.seen[j, past + k] = out[0, j, k] = q
         out[1, j, k] = w.x.v[j]
-        speed, limit = 0.0, laws.limit[j]
-        for i in range(past + 1):
+        limit, sensed = laws.limit[j], laws.sensed[j]
+        speed = w.x.v[j] if sensed else 0.0
+        for i in range(0 if sensed else past + 1):
             speed += laws.taps[j, i] * w.seen[j, past + k - i]
         value = laws.known[j, k] + laws.gains[j, 0] * q + laws.gains[j, 1] * speed
         for i in range(states):

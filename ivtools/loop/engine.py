@@ -180,6 +180,8 @@ class Driven(NamedTuple):
         What references and all else that is known beforehand add to the command.
     gains, taps : (2,), (m,) ndarray
         On the measured position and velocity; of the positions that make that velocity.
+    sensed : bool
+        The velocity is a sensor's instead: that of the motion.
     known_inner : (n_samples, n) ndarray
         What is known beforehand adds so much to the law's own states.
     A, B, C, back, hold, inner : ndarray
@@ -195,6 +197,7 @@ class Driven(NamedTuple):
     known: Array
     gains: Array
     taps: Array
+    sensed: bool
     known_inner: Array
     A: Array
     B: Array
@@ -242,6 +245,7 @@ def _along(
         np.ascontiguousarray(known),
         np.ascontiguousarray(law.D[MEASURED]),
         np.ascontiguousarray(law.taps),
+        law.sensed,
         np.ascontiguousarray(known_inner),
         np.ascontiguousarray(law.A),
         np.ascontiguousarray(law.B[:, MEASURED]),

@@ -80,6 +80,7 @@ _MATRIX = types.Array(float64, 2, "C", readonly=True)
         float64,
         _VECTOR,
         _VECTOR,
+        boolean,
         _MATRIX,
         _MATRIX,
         _MATRIX,
@@ -113,6 +114,7 @@ def run(
     quantum,
     gains,
     taps,
+    sensed,
     known_inner,
     a_matrix,
     b_matrix,
@@ -135,7 +137,8 @@ def run(
 
     The law is a `controllers.LinearLaw`: `known` (n_samples,) and `known_inner` (n_samples, n) are
     what its known inputs add to the command and to its states, `gains` and `b_matrix` belong to
-    the measured position and velocity, and `inner` is its state. `first` holds the commands, added
+    the measured position and velocity, made of positions or `sensed`, and `inner` is its state.
+    `first` holds the commands, added
     inputs excluded, that precede the law's own: `delay` of them, then the one before the record.
     What is `added` to the command, (n_samples,), may be empty. Forces that depend on the position
     act at `place`, (n_samples,), if that is not. Of two masses a known `load` pulls at the second
@@ -166,8 +169,8 @@ def run(
         noise = position_noise[k] if position_noise.size else 0.0
         seen[past + k] = out[0, k] = measure(q, noise, quantum, p, on)
         out[1, k] = v
-        speed = 0.0
-        for i in range(taps.size):
+        speed = v if sensed else 0.0
+        for i in range(0 if sensed else taps.size):
             speed += taps[i] * seen[past + k - i]
         value = known[k] + gains[0] * out[0, k] + gains[1] * speed
         for i in range(inner.size):

@@ -39,6 +39,7 @@ def system(
         [controller, axis],
         connections=[
             ["controller.q", "axis.q"],
+            *([["controller.dq", "axis.dq"]] if "dq" in controller.input_labels else []),
             ["axis.command", "controller.command"],
         ],
         inplist=["controller.q_ref", "controller.dq_ref", "axis.added"]
@@ -87,7 +88,8 @@ def _controller_block(
     def seen(x: Array, u: Array) -> Array:
         positions = np.append(u[known], x[:past])
         feed = u[2] if known == 3 else 0.0
-        return np.array([u[0], u[1], feed, u[known], law.taps @ positions])
+        speed = u[known + 1] if law.sensed else law.taps @ positions
+        return np.array([u[0], u[1], feed, u[known], speed])
 
     def value(x: Array, u: Array) -> float:
         return float(law.D @ seen(x, u) + law.C @ x[past : past + inner])
@@ -100,7 +102,8 @@ def _controller_block(
 
     def update(t: float, x: Array, u: Array, params: Any) -> Array:
         line: ArrayLike = np.append(x[past + inner :], value(x, u))[-delay:] if delay else []
-        return np.concatenate([u[known:], x[:past], state(x, u), line])[_drop(past, inner, delay)]
+        new = np.concatenate([[u[known]], x[:past], state(x, u), line])
+        return new[_drop(past, inner, delay)]
 
     def output(t: float, x: Array, u: Array, params: Any) -> Array:
         return np.array([x[past + inner] if delay else value(x, u)])
@@ -108,7 +111,7 @@ def _controller_block(
     return control.nlsys(
         update,
         output,
-        inputs=["q_ref", "dq_ref", *["feed"][: known - 2], "q"],
+        inputs=["q_ref", "dq_ref", *["feed"][: known - 2], "q", *(["dq"] if law.sensed else [])],
         outputs=["command"],
         states=past + inner + delay,
         name="controller",

@@ -70,12 +70,14 @@ INNER_SATURATION = Term(
     search="valleys",  # a loop without its force is not the linear one: simulated, not linearised
 )
 
+_KEPT = 0.1  # of the sampling step: neither a log nor the step of a simulator keeps its time better
+
 DRIVE_TIMING = Term(
     "drive-timing",
     "drive",
     (
-        Parameter("delay", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.5, 1.0, 2.5)),
-        Parameter("lag", "s", lower=0.0, neutral=0.0, scale="step", scan=(0.5, 1.0, 2.5)),
+        Parameter("delay", "s", lower=0.0, scale="step", scan=(0.5, 1.0, 2.5), least=_KEPT),
+        Parameter("lag", "s", lower=0.0, scale="step", scan=(0.5, 1.0, 2.5), least=_KEPT),
     ),
     "tau(t - delay), then lag dtau/dt + tau = command",
     "current loop and bus: Leonhard, Control of Electrical Drives, 2001",

@@ -15,6 +15,7 @@ from .plant import STEPS, Plant, run
 DT, SECONDS = 1e-3, 16.0
 RATES = (200.0, 400.0, 1000.0, 2000.0)  # Hz
 QUIET = 0.1  # times the noise of the others: 0.3 % of the dry friction
+SENSED = 0.01  # noise of a velocity sensor, by the command that it makes, of the dry friction
 Draw = Callable[[np.random.Generator, "Axis"], dict[str, Any]]
 
 
@@ -31,6 +32,7 @@ class Axis:
     noise: float
     quantum: float
     dt: float = DT
+    sensed: float | None = None  # noise of a velocity sensor, where the axis has one
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,12 @@ def quiet(rng: np.random.Generator, a: Axis) -> Axis:
     slower = min(1.0, 0.25 * a.plant.inertia / (a.kv * a.gain * dt))
     gains = {"kp": slower * a.kp, "kv": slower * a.kv}
     return replace(a, dt=dt, noise=QUIET * a.noise, **gains)
+
+
+def sensed(rng: np.random.Generator, a: Axis) -> Axis:
+    """Return an axis whose law takes the velocity of a sensor, which is in the log."""
+    a = quiet(rng, a)
+    return replace(a, sensed=SENSED * a.force / (a.kv * a.gain))
 
 
 def _wave(rng: np.random.Generator, a: Axis) -> tuple[float, float]:
@@ -253,15 +261,15 @@ CHANGED: dict[str, tuple[str, tuple[float, float]]] = {
 
 
 def draw(suite: str, name: str, seed: int) -> Case:
-    """Draw a case: ``suite`` is effects, none, unknown, changed, or quiet, which has of all."""
+    """Draw a case: ``suite`` is effects, none, unknown, changed, or quiet or sensed, of all."""
     rng = np.random.default_rng([seed, *f"{suite}/{name}".encode()])
     a = axis(rng)
     if name in ("pendulum",) and a.plant.joint == "revolute":
         a = replace(a, plant=replace(a.plant, joint="prismatic"))
     if name in ("gravity",) and a.plant.joint == "prismatic":
         a = replace(a, plant=replace(a.plant, joint="revolute"))
-    if suite == "quiet":
-        a, suite = quiet(rng, a), _suite_of(name)
+    if suite in KINDS_OF_AXES:
+        a, suite = KINDS_OF_AXES[suite](rng, a), _suite_of(name)
     source = {"effects": EFFECTS, "unknown": UNKNOWN}.get(suite, {})
     values = source[name](rng, a) if name in source else {}
     wrong, cut = values.pop("wrong", 0.0), values.pop("cut", None)
@@ -281,14 +289,25 @@ def draw(suite: str, name: str, seed: int) -> Case:
     runs = zip(plants, refs, noises, strict=True)
     records = [_record(a, p, r, x, wrong) for p, r, x in runs]
     p = a.plant
+    velocity = "differences" if a.sensed is None else "logged"
     tables = {
         "axis": {"name": "withheld", "joint": p.joint},
-        "controller": {"kind": "cascade-pd", "kp": a.kp, "kv": a.kv, "limit": 1e9},
+        "controller": {
+            "kind": "cascade-pd",
+            "kp": a.kp,
+            "kv": a.kv,
+            "limit": 1e9,
+            "velocity": velocity,
+        },
         "drive": {"gain": a.gain},
         "model": {"terms": ["inertia", "viscous", "coulomb", "offset"]},
     }
     truth = [name] if suite == "effects" else []
     return Case(tables, records, {"suite": suite, "name": name, "effects": truth})
+
+
+#: Suites of all names, on axes of another kind.
+KINDS_OF_AXES = {"quiet": quiet, "sensed": sensed}
 
 
 def _suite_of(name: str) -> str:
@@ -299,28 +318,30 @@ def _suite_of(name: str) -> str:
 
 def _peak(a: Axis, plant: Plant, ref: np.ndarray, noise: np.ndarray) -> float:
     """Return the largest force that a motion asks for, but for single samples."""
-    return float(np.quantile(np.abs(a.gain * _play(a, plant, ref, noise, 0.0)[1]), 0.9995))
+    return float(np.quantile(np.abs(a.gain * _play(a, plant, ref, noise, 0.0)["nu"]), 0.9995))
 
 
 def _record(
     a: Axis, plant: Plant, ref: np.ndarray, noise: np.ndarray, wrong: float
 ) -> dict[str, np.ndarray]:
     """Return the log of one run."""
-    q, nu = _play(a, plant, ref, noise, wrong)
-    return {"t": a.dt * np.arange(len(ref)), "q": q, "q_ref": ref, "nu": nu}
+    log = _play(a, plant, ref, noise, wrong)
+    return {"t": a.dt * np.arange(len(ref)), "q_ref": ref, **log}
 
 
 def _play(
     a: Axis, plant: Plant, ref: np.ndarray, noise: np.ndarray, wrong: float
-) -> tuple[np.ndarray, np.ndarray]:
+) -> dict[str, np.ndarray]:
     """Run the plant under its cascade, whose inner gain is `wrong`; return what a log has."""
-    read, last = np.empty(len(ref)), [float(ref[0])]
+    read, speeds, last = np.empty(len(ref)), np.empty(len(ref)), [float(ref[0])]
     kv = a.kv * (1.0 + wrong)
+    flaw = np.random.default_rng(7).normal(size=len(ref)) * (a.sensed or 0.0)
 
-    def command(k: int, q: float) -> float:
+    def command(k: int, q: float, v: float) -> float:
         read[k] = a.quantum * round(q / a.quantum)
-        speed, last[0] = (read[k] - last[0]) / a.dt, read[k]
-        return kv * (a.kp * (ref[k] - read[k]) - speed)
+        differs, last[0] = (read[k] - last[0]) / a.dt, read[k]
+        speeds[k] = differs if a.sensed is None else v + flaw[k]
+        return kv * (a.kp * (ref[k] - read[k]) - speeds[k])
 
     _, nu = run(plant, command, float(ref[0]), len(ref), a.dt, a.gain, noise)
-    return read, nu
+    return {"q": read, "nu": nu} | ({} if a.sensed is None else {"dq": speeds})

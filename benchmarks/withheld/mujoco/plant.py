@@ -124,7 +124,7 @@ class Plant:
 
 def run(
     plant: Plant,
-    command: Callable[[int, float], float],
+    command: Callable[[int, float, float], float],
     q0: float,
     n: int,
     dt: float,
@@ -137,7 +137,7 @@ def run(
     ----------
     plant : Plant
     command : callable
-        Of the sample and the position: the command.
+        Of the sample, the position and the velocity: the command.
     q0 : float
         Position at the start, at rest.
     n, dt, gain
@@ -155,7 +155,7 @@ def run(
     pull = 1.0 - np.exp(-h / plant.lag) if plant.lag else 1.0
     for k in range(n):
         q[k] = data.qpos[0]
-        nu[k] = command(k, q[k])
+        nu[k] = command(k, q[k], float(data.qvel[0]))
         for _ in range(STEPS):
             line.append(gain * nu[k])
             made += pull * (line.pop(0) - made)

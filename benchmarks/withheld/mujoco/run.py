@@ -23,6 +23,7 @@ SUITES = {
     "unknown": UNKNOWN,
     "changed": CHANGED,
     "quiet": (*EFFECTS, "-", *CHANGED, *UNKNOWN),
+    "sensed": (*EFFECTS, "-", *CHANGED, *UNKNOWN),
 }
 
 

@@ -158,13 +158,16 @@ class Trial:
     def _beyond(self) -> bool:
         """Whether a parameter is smaller or larger than the effect's name allows on this axis.
 
-        Sizes are those of the record where they are larger: a line comes twice in one of them.
+        Sizes are those of the record where they are larger: a line comes twice in one of them. Of
+        two parameters of which either does it the other is nothing.
         """
         found = [Scales(fit.fold.record, fit.loop).sizes for fit in self.fits]
         sizes = {k: max(size[k] for size in found) for k in found[0]}
         pairs = list(zip(self.term.names, self.term.parameters, strict=True))
         values = ((fit.values[n] / sizes[p.scale], p) for fit in self.fits for n, p in pairs)
-        return not all(p.least <= value <= p.most for value, p in values)
+        either = self.term.search == "either"
+        sized = ((v, p) for v, p in values if not (either and v == p.neutral))
+        return not all(p.least <= v <= p.most for v, p in sized)
 
     @cached_property
     def lowers(self) -> bool:

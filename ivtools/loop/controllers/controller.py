@@ -18,7 +18,7 @@ from .law import LinearLaw
 from .seen import FEEDFORWARDS
 from .velocity import AT_THE_SAMPLE, WAYS, backward_difference, shown
 
-_SHOWN: WeakKeyDictionary[Record, tuple[float, ...]] = WeakKeyDictionary()
+_SHOWN: WeakKeyDictionary[Record, tuple[float, ...] | None] = WeakKeyDictionary()
 ANTI_WINDUP = ("clamp", "back-calculation", "none")
 COMMON = (
     "kind",
@@ -173,8 +173,7 @@ class Controller:
     def law(self, dt: float) -> LinearLaw:
         """Return the linear law at the sampling step dt (s).
 
-        A velocity that is logged is, here, that at the sample, from differences; `known` takes
-        what a record shows.
+        A velocity that is logged is, here, that of the motion; `known` takes what a record shows.
 
         Raises
         ------
@@ -189,6 +188,7 @@ class Controller:
         weights = self.velocity_filter if self.velocity == "differences" else AT_THE_SAMPLE
         taps = backward_difference(weights, dt) if self._of.velocity else np.zeros(1)
         law = self._of.law(self.full, dt, taps)
+        law = replace(law, sensed=self._of.velocity and self.velocity == "logged")
         law = self.filter.behind(law, dt) if self.filter else law
         if self.anti_windup == "back-calculation" and self._of.tracking:
             back = np.where(law.hold, dt * self._of.tracking(self.full), 0.0)
@@ -201,9 +201,10 @@ class Controller:
             return self
         if record.dq is None:
             return self
-        if (found := _SHOWN.get(record)) is None:
-            found = _SHOWN[record] = shown(record.q[:, 0], record.dq[:, 0], record.dt)
-        return replace(self, velocity="differences", velocity_filter=found)
+        if record not in _SHOWN:
+            _SHOWN[record] = shown(record.q[:, 0], record.dq[:, 0], record.dt)
+        taps = _SHOWN[record]
+        return self if taps is None else replace(self, velocity="differences", velocity_filter=taps)
 
     def with_mismatch(self, **changes: float) -> Controller:
         """Return this controller with relative errors of its settings.

@@ -7,8 +7,9 @@
     u       = (q_ref, dq_ref, feed, q, dq)
 
 `feed` is all that is known beforehand: feed-forwards and further measured columns. dq is what the
-controller takes for the velocity: logged, or `taps` of the present and past positions. The states
-that `hold` marks, integrators, stay while the command is clipped and they would drive it further.
+controller takes for the velocity: a sensor's, or `taps` of the present and past positions. The
+states that `hold` marks, integrators, stay while the command is clipped and they would drive it
+further.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ class LinearLaw:
         Gains on the inputs.
     taps : ndarray, (n_taps,)
         Weights, 1/s, of the measured position, newest first, that make the velocity.
+    sensed : bool
+        The velocity is that of the motion, and the taps stand for it where only positions are.
     A, B, C : ndarray, (n, n), (n, 5), (n,)
         Own states; n may be 0.
     back : ndarray, (n,)
@@ -51,6 +54,7 @@ class LinearLaw:
     C: Array = field(default_factory=lambda: np.zeros(0))
     back: Array = field(default_factory=lambda: np.zeros(0))
     hold: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    sensed: bool = False
 
     # --- composition --------------------------------------------------------------------------
 

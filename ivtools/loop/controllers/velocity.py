@@ -14,6 +14,8 @@ _WORTH = 0.9  # of the residual that a longer filter may leave
 _LONGEST = 200  # taps that stand for a low-pass filter
 _REACH = 1e-5  # of a low-pass's answer that is cut off
 _ROUNDING = 1e-9  # of the velocity: what is left below this is no reason for more taps
+_AROUND = 4  # samples before and behind, whose differences a sensor's velocity resembles
+_NO_LATER, _NO_LARGER = 0.1, 0.02  # samples, and share, by which such a one may differ from them
 
 
 def backward_difference(velocity_filter: ArrayLike, dt: float) -> Array:
@@ -29,12 +31,14 @@ def backward_difference(velocity_filter: ArrayLike, dt: float) -> Array:
     return np.convolve(np.asarray(velocity_filter, dtype=float), [1.0, -1.0]) / dt
 
 
-def shown(q: Array, dq: Array, dt: float) -> tuple[float, ...]:
+def shown(q: Array, dq: Array, dt: float) -> tuple[float, ...] | None:
     """Return the FIR filter by which a logged velocity follows from differences of the position.
 
     A simulation has no log to take the velocity from. Its position has, and what the drive made of
     the measured one tells how: by an FIR filter of a few taps, or by a first-order low-pass, which
-    is an FIR filter of many.
+    is an FIR filter of many. None if it is a sensor's, or that of a simulator's state: positions
+    that come later tell it better than those which came before, and it is neither late nor of
+    another size.
 
     Parameters
     ----------
@@ -52,6 +56,7 @@ def shown(q: Array, dq: Array, dt: float) -> tuple[float, ...]:
     """
     speed = np.diff(q, prepend=q[0]) / dt
     lags = [np.concatenate([np.zeros(i), speed[: len(speed) - i]]) for i in range(max(_LENGTHS))]
+    best: tuple[float, ...]
     best, least = AT_THE_SAMPLE, np.inf
     rows = slice(max(_LENGTHS), None)
     rounding = _ROUNDING * float(np.linalg.norm(dq[rows]))
@@ -62,7 +67,23 @@ def shown(q: Array, dq: Array, dt: float) -> tuple[float, ...]:
         if rounding + left < _WORTH * least:
             best, least = tuple(weights.tolist()), left
     slow, left = _low_pass(speed, dq, rows)
-    return slow if rounding + left < _WORTH * least else best
+    if rounding + left < _WORTH * least:
+        best, least = slow, left
+    return None if _sensed(speed, dq, rows, least - rounding) else best
+
+
+def _sensed(speed: Array, dq: Array, rows: slice, least: float) -> bool:
+    """Whether a velocity is that at the sample, for which no filter of past positions leaves less.
+
+    Each difference is the velocity half a sample before.
+    """
+    around = np.arange(1 - _AROUND, _AROUND + 1)
+    X = np.column_stack([np.roll(speed, -i) for i in around])[rows][:-_AROUND]
+    y = dq[rows][:-_AROUND]
+    weights = np.linalg.lstsq(X.T @ X, X.T @ y, rcond=1e-12)[0]
+    early = float(weights @ (around - 0.5))
+    same = abs(weights.sum() - 1.0) < _NO_LARGER and abs(early) < _NO_LATER
+    return bool(same and np.linalg.norm(y - X @ weights) < _WORTH * least)
 
 
 def _low_pass(speed: Array, dq: Array, rows: slice) -> tuple[tuple[float, ...], float]:
