@@ -48,6 +48,7 @@ from .rules import (
     PARITY_HEAD,
     PARITY_POOR,
     ROUGHEST,
+    ROUNDING,
     SITS,
 )
 
@@ -151,11 +152,14 @@ def _checked(record: Record, loop: ClosedLoop) -> Parity:
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
     signals, limit, at_limit = _limit(signals, loop.controller)
     free = ~at_limit
-    delay, fitted, tvalues = _best_delay(signals, loop.controller, free)
-    kept = _material(signals, loop.controller, delay, fitted, tvalues, free)
+    size = np.linalg.norm(signals.command[PARITY_HEAD:])
+    if np.linalg.norm(declared[PARITY_HEAD:]) > ROUNDING * size:
+        delay, fitted, tvalues = _best_delay(signals, loop.controller, free)
+        kept = _material(signals, loop.controller, delay, fitted, tvalues, free)
+    else:
+        delay, kept, tvalues = loop.controller.delay, {}, {}
     controller = _corrected(loop.controller, delay, kept, limit)
     error = signals.error(controller, delay, kept.get("added", 0.0))
-    size = np.linalg.norm(signals.command[PARITY_HEAD:])
     found = Parity(
         loop=replace(loop, controller=controller),
         before=float(np.linalg.norm(declared[PARITY_HEAD:]) / size),

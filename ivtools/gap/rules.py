@@ -49,6 +49,8 @@ CUT_SHARE = 0.8
 #: where the law was cut at fewer of them (judgement: nothing else takes nearly all of it; 2e-4 of
 #: the one and 6e-3 of the other in training).
 LIMIT_LEAVES = 0.01
+#: Relative parity error up to which the command is that of the law (numerics: digits of a log).
+ROUNDING = 1e-7
 #: Relative error of a gain that is worth a name (physics: no gain is known better).
 GAIN_ERROR = 0.004
 #: Block-robust t value from which a gain is wrong (training: 0 of 100 records without).
