@@ -9,6 +9,7 @@ import ivtools as iv
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import parity
+from ivtools.gap.preflight import findings
 from ivtools.loop.axis_file import from_tables
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -128,3 +129,18 @@ def test_the_law_of_a_long_record_is_read_from_a_part_and_judged_on_all_of_it(lo
         "kp": pytest.approx(160.18, rel=1e-6),
         "kv": pytest.approx(243.45, rel=1e-6),
     }
+
+
+@pytest.mark.parametrize("row", [700, -1])
+def test_a_bad_row_is_said_with_its_time(loop, row):
+    """One wrong sample of a reference, of thousands, is no wrong controller."""
+    record = played(loop)
+    dq_ref = np.gradient(record.q_ref, record.dt, axis=0)
+    assert parity.check(record.replace(dq_ref=dq_ref), loop).at is None
+    nu = record.nu.copy()
+    nu[row] += 1e3 * np.abs(nu).max()
+    wrong = record.replace(nu=nu)
+    found = parity.check(wrong, loop)
+    assert found.at == pytest.approx(record.t[row])
+    text = findings.explain_command(found)
+    assert f"around {record.t[row]:.6g} s" in text and "cut it out" in text

@@ -44,6 +44,7 @@ from .rules import (
     MAX_DELAY,
     NEAR_TOP,
     NOISY_GAIN,
+    ONE_PLACE,
     PARITY_BLOCKS,
     PARITY_HEAD,
     PARITY_POOR,
@@ -82,6 +83,8 @@ class Parity:
         Whether it is taken instead: it explains the command, and much better.
     declared : Controller or None
         The controller of the axis file.
+    at : float or None
+        Time, s, around which nearly all of the error lies that is left; None if there is none such.
     """
 
     loop: ClosedLoop
@@ -95,6 +98,7 @@ class Parity:
     read: ControllerFit | None = None
     taken: bool = False
     declared: Controller | None = None
+    at: float | None = None
 
     @property
     def trustworthy(self) -> bool:
@@ -170,9 +174,18 @@ def _checked(record: Record, loop: ClosedLoop) -> Parity:
         limit=limit,
         clipped=float(np.mean(at_limit)),
         declared=loop.controller,
+        at=_once(error, record.t),
     )
     limited = limit is not None and found.after**2 < LIMIT_LEAVES  # behind it the law is right
     return found if limited or found.after <= PARITY_POOR else _read(found, signals, record, loop)
+
+
+def _once(error: Array, t: Array) -> float | None:
+    """Return the time around which nearly all of an error lies, s, if there is one."""
+    energy = np.append(0.0, np.cumsum(error[PARITY_HEAD:] ** 2))
+    k = int(np.argmax(np.abs(error[PARITY_HEAD:])))
+    near = energy[min(k + PARITY_HEAD, len(energy) - 1)] - energy[max(k - PARITY_HEAD, 0)]
+    return float(t[PARITY_HEAD + k]) if near > ONE_PLACE * energy[-1] else None
 
 
 def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> Parity:

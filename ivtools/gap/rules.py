@@ -64,6 +64,8 @@ LAW_ERROR = 0.2
 #: Relative parity error from which the record is asked for its own law (physics: a digital law
 #: repeats to rounding, and to 0.3 % where log and controller sample apart).
 PARITY_POOR = 0.02
+#: Share of the parity error's energy around one sample that points to a bad row (judgement).
+ONE_PLACE = 0.99
 #: Power that the record's own law may leave, of that of the declared one (judgement, not trained).
 LAW_BETTER = 0.5
 #: R2 below which no law is taken (it explains the command, or nothing is said).

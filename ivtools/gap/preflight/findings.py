@@ -339,6 +339,12 @@ def explain_command(parity: Parity) -> str:
         tried += f"{_remains(parity)}; matrices of a state-space law are not looked for: state them"
         tried += " if it is one"
     left = 100.0 * parity.after
+    if parity.at is not None:
+        return (
+            f"the control law does not give the recorded command around {parity.at:.6g} s: it "
+            f"differs by {left:.0f} % of it, nearly all of that there; look at the log there, and "
+            "cut it out if a row is wrong"
+        )
     return (
         f"the control law does not give the recorded command: it differs by {left:.0f} % of it; "
         "check kind, gains and velocity_filter in [controller], that q, q_ref and nu belong "
