@@ -5,6 +5,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from scipy import signal
 
 from benchmarks import populations
 from ivtools import IDIMLS, Problem
@@ -58,6 +59,50 @@ def test_both_engines_are_the_same(kind, seed):
         for name in ("q", "nu"):
             a, b = getattr(ours, name)[:, 0], theirs.outputs[theirs.output_labels.index(name)]
             assert np.max(np.abs(a - b)) <= 1e-9 * np.max(np.abs(b)), (name, limit)
+
+
+@pytest.mark.parametrize("kind", [k for k in populations.KINDS if k != "state-space"])
+def test_the_velocity_of_a_sensor_is_that_of_the_motion_in_both_engines(kind):
+    rng = np.random.default_rng([7, len(kind)])
+    loop, theta, stroke = populations.axis(rng, "prismatic")
+    given = populations.reference(rng, 300, 500.0, stroke)
+    given = given.replace(dq=np.gradient(given.q, given.dt, axis=0))  # no past differences make it
+    law = replace(populations.controller(rng, kind, theta["inertia"], 500.0), velocity="logged")
+    loop = replace(loop, controller=populations.scaled(law, loop.gain))
+    assert loop.controller.known(given).velocity == "logged"
+    ours = loop.simulate(given, theta, initial=(0.0, 0.0))
+    theirs = python_control(loop, theta, given)
+    for name in ("q", "nu"):
+        a, b = getattr(ours, name)[:, 0], theirs.outputs[theirs.output_labels.index(name)]
+        assert np.max(np.abs(a - b)) <= 1e-9 * np.max(np.abs(b)), name
+    seen = replace(given, q=ours.q, nu=ours.nu, dq=ours.dq)
+    assert parity.check(seen, loop).after < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_sensor_is_told_from_what_a_drive_makes_of_the_position(seed):
+    """Noise of either, dry friction whose reversals jump, rates from 200 Hz to 5 kHz."""
+    rng = np.random.default_rng([11, seed])
+    loop, theta, stroke = populations.axis(rng, ("prismatic", "revolute")[seed % 2])
+    hz = 10 ** rng.uniform(2.3, 3.7)
+    given = populations.reference(rng, 6000, hz, stroke)
+    law = populations.controller(rng, "cascade-pd", theta["inertia"], hz)
+    loop = replace(loop, controller=populations.scaled(law, loop.gain))
+    sim = loop.simulate(given, theta, initial="rest")
+    fine = 10 ** rng.uniform(-7, -5) * stroke
+    q = np.round(sim.q[:, 0] / fine) * fine
+    made = np.diff(q, prepend=q[0]) * hz
+    slow = signal.lfilter([0.3], [1.0, -0.7], made)
+    noise = 10 ** rng.uniform(-4, -2) * np.std(sim.dq) * rng.normal(size=len(q))
+    for dq, way in (
+        (sim.dq[:, 0] + noise, "logged"),
+        (made, "differences"),
+        (np.convolve(made, [0.5, 0.3, 0.2])[: len(q)], "differences"),
+        (slow, "differences"),
+    ):
+        record = given.replace(q=q, nu=sim.nu, dq=dq)
+        known = replace(loop.controller, velocity="logged").known(record)
+        assert known.velocity == way
 
 
 @pytest.mark.parametrize("kind", populations.KINDS)

@@ -37,8 +37,8 @@ def shown(q: Array, dq: Array, dt: float) -> tuple[float, ...] | None:
     A simulation has no log to take the velocity from. Its position has, and what the drive made of
     the measured one tells how: by an FIR filter of a few taps, or by a first-order low-pass, which
     is an FIR filter of many. None if it is a sensor's, or that of a simulator's state: positions
-    that come later tell it better than those which came before, and it is neither late nor of
-    another size.
+    that come later tell it as well as those which came before, and it is neither late, as all is
+    that is made of past ones, nor of another size.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def shown(q: Array, dq: Array, dt: float) -> tuple[float, ...] | None:
 
 
 def _sensed(speed: Array, dq: Array, rows: slice, least: float) -> bool:
-    """Whether a velocity is that at the sample, for which no filter of past positions leaves less.
+    """Whether a velocity is that at the sample, of which a filter of past positions leaves more.
 
     Each difference is the velocity half a sample before.
     """
@@ -83,7 +83,7 @@ def _sensed(speed: Array, dq: Array, rows: slice, least: float) -> bool:
     weights = np.linalg.lstsq(X.T @ X, X.T @ y, rcond=1e-12)[0]
     early = float(weights @ (around - 0.5))
     same = abs(weights.sum() - 1.0) < _NO_LARGER and abs(early) < _NO_LATER
-    return bool(same and np.linalg.norm(y - X @ weights) < _WORTH * least)
+    return bool(same and _WORTH * np.linalg.norm(y - X @ weights) < least)
 
 
 def _low_pass(speed: Array, dq: Array, rows: slice) -> tuple[tuple[float, ...], float]:
