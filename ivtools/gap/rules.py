@@ -755,7 +755,7 @@ class Rules:
     worth : float
         Share of the force, rms, by which a name lowers the force error at least, in energy; less
         in proportion to a smaller tolerance (judgement: where the noise is a thousandth of the
-        force, all is significant: MuJoCo's own steps, half of one too late, make 0.001 to 0.003,
+        force, all is significant: a simulator's steps, half of one too late, make 0.001 to 0.003,
         and its dry friction, which is never quite dry, 0.0003; of 12 pairs and on the EMPS names
         lower it by 0.008 at least, a flexible load of a withheld case by less than 0.005).
     samples : int

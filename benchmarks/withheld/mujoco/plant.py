@@ -151,7 +151,7 @@ def run(
     data.qpos[0] = q0
     q, nu = np.empty(n), np.empty(n)
     steps = round(plant.delay / dt * STEPS)
-    line, made, h, t = [0.0] * (steps + 1), 0.0, dt / STEPS, 0.0
+    line, made, last, h, t = [0.0] * steps, 0.0, 0.0, dt / STEPS, 0.0
     pull = 1.0 - np.exp(-h / plant.lag) if plant.lag else 1.0
     for k in range(n):
         q[k] = data.qpos[0]
@@ -162,7 +162,9 @@ def run(
             tau = plant.drive(made) if plant.drive else made
             x, v = float(data.qpos[0]), float(data.qvel[0])
             rest = plant.force(x, v, t, tau) if plant.force else 0.0
-            data.qfrc_applied[0] = tau - plant.offset - rest + noise[k]
+            # where a step ends its new velocity has moved it for all of the step: half of one early
+            data.qfrc_applied[0] = 0.5 * (last + tau) - plant.offset - rest + noise[k]
+            last = tau
             mujoco.mj_step(model, data)
             t += h
         if not np.isfinite(data.qpos[0]) or abs(data.qvel[0]) > 1e6:
