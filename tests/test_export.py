@@ -35,9 +35,12 @@ def rms(x) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
+@pytest.mark.parametrize("velocity", ["differences", "logged"])
 @pytest.mark.parametrize("effect", EFFECTS)
-def test_the_program_simulates_what_the_loop_does(twin, effect):
+def test_the_program_simulates_what_the_loop_does(twin, effect, velocity):
     record, loop = twin.slice(0, 4000), iv.axes.emps()
+    loop = replace(loop, controller=replace(loop.controller, velocity=velocity))
+    record = record.replace(dq=np.gradient(record.q, record.dt, axis=0))  # a sensor's
     lacking = loop.with_effect(effect, **EFFECTS[effect])
     made: dict = {}
     exec(compile(program(lacking, THETA), "model.py", "exec"), made)

@@ -110,8 +110,9 @@ def difference(
         "nu": model.nu + loop.command(real) - loop.command(simulated),
     }
     if real.dq is not None and simulated.dq is not None:
-        own = loop.controller.known(simulated).law(simulated.dt).velocity(model.q[:, 0])
-        signals["dq"] = own[:, np.newaxis] + real.dq - simulated.dq
+        law = loop.controller.known(simulated).law(simulated.dt)
+        own = model.dq if law.sensed else law.velocity(model.q[:, 0])[:, np.newaxis]
+        signals["dq"] = own + real.dq - simulated.dq
     kept = {k: v for k in ("q_ref", "dq_ref", "added") if (v := getattr(real, k)) is not None}
     record = Record(
         t=real.t, **signals, **kept, name=real.name, notes=(*real.notes, *notes), extra=real.extra

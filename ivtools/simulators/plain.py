@@ -111,6 +111,7 @@ def program(loop: ClosedLoop, theta: Mapping[str, float], dt: float = 1e-3) -> s
         **{key: np.asarray(getattr(law, key)).tolist() for key in ("D", "taps", "A", "C", "back")},
         B=np.asarray(law.B).tolist(),
         hold=np.asarray(law.hold).tolist(),
+        sensed=law.sensed,
     )
 
 
