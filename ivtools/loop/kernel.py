@@ -138,13 +138,12 @@ def run(
     The law is a `controllers.LinearLaw`: `known` (n_samples,) and `known_inner` (n_samples, n) are
     what its known inputs add to the command and to its states, `gains` and `b_matrix` belong to
     the measured position and velocity, made of positions or `sensed`, and `inner` is its state.
-    `first` holds the commands, added
-    inputs excluded, that precede the law's own: `delay` of them, then the one before the record.
-    What is `added` to the command, (n_samples,), may be empty. Forces that depend on the position
-    act at `place`, (n_samples,), if that is not. Of two masses a known `load` pulls at the second
-    one, which begins where that holds it, and a disturbance at the first. The second, or the only
-    one, has `swing` more inertia, if that is not empty: what its velocity asks where that grows is
-    in the load with the velocity of the first.
+    `first` holds the commands, added inputs excluded, that precede the law's own: `delay` of them,
+    then the one before the record. What is `added` to the command, (n_samples,), may be empty.
+    Forces that depend on the position act at `place`, (n_samples,), if that is not. Of two masses a
+    known `load` pulls at the second one, which begins where that holds it, and a disturbance at the
+    first. The second, or the only one, has `swing` more inertia, if that is not empty: what its
+    velocity asks where that grows is in the load with the velocity of the first.
     """
     samples, past = known.size, taps.size - 1
     whole, planned = drive_delay(dt, p, on)[0], plan(dt, n, p, on)

@@ -97,4 +97,6 @@ def _digital(of: LoopFilter, dt: float) -> tuple[Array, Array]:
         over = [w * w] if of.kind == "lowpass" else [1.0, 0.0, w * w]
         analog = (over, [1.0, 2.0 * of.damping * w, w * w])
     digital = signal.bilinear(*analog, fs=0.5 * w / np.tan(0.5 * w * dt))
-    return np.asarray(digital[0], dtype=float), np.asarray(digital[1], dtype=float)
+    numerator, denominator = (np.asarray(c, dtype=float) for c in digital)
+    numerator.flags.writeable = denominator.flags.writeable = False  # everybody has the same
+    return numerator, denominator
