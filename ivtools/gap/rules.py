@@ -423,7 +423,8 @@ RIVAL = 0.35
 WORTH_A_FIT = 0.4
 #: Share of a record unexplained by smooth laws that points to a second mass (training).
 ROUGH = 0.1
-#: Of what all effects remove: an effect whose loss costs less is dropped again (training).
+#: Of what all effects remove, or the last one beside a valley has removed: an effect whose loss
+#: costs less is dropped again (training).
 SUPERFLUOUS = 0.05
 #: Of that, a loss to first order from which an effect is not fitted without (cost).
 SURELY_NEEDED = 4.0

@@ -82,9 +82,10 @@ def attribute(
     seen = rounds[0].measured if rounds else ""
     most, told, certain = names_kept(models, laws, groups, rules, seen)
     fits, held = (ends[most - 1].fits, ends[most - 1].held) if most else (base, base)
-    names = [t.name for group in groups[:most] for t in group]
+    won = [t for group in groups[:most] for t in group]
+    names = [t.name for t in won]
     surpassed = frozenset(t.name for group in groups[told:most] for t in group)
-    kept, fits, held = _backward(sides, base, fits, held, names)
+    kept, fits, held = _backward(sides, base, fits, held, won)
     played = tuple(rounds)
     found = Attribution(base, fits, held, tuple(kept), rules, played, laws, surpassed, certain)
     found = _beside_others(sides, found, tried)
@@ -292,16 +293,16 @@ def _backward(
     base: tuple[Fit, ...],
     fits: tuple[Fit, ...],
     held: tuple[Fit, ...],
-    named: list[str],
+    won: Sequence[Trial],
 ) -> tuple[list[str], tuple[Fit, ...], tuple[Fit, ...]]:
     """Drop effects that a later one made superfluous, or that stand for a descent that ended early.
 
     What is far from superfluous to first order is not fitted without, unless it was found beside a
     valley: that may go deeper without it, from where both are. The last name is needed, but for one
-    beside a valley that goes deeper without it than with it.
+    beside a valley that goes nearly as deep without it: of what it removed little is lost.
     """
     valleys = {t.name for t in fits[0].loop.terms if t.search == "valleys"}
-    found = tuple(named)
+    named = found = [t.name for t in won]
     for k, name in enumerate(found):
         gap = float(np.mean([b.cost - h.cost for b, h in zip(base, held, strict=True)]))
         sure = min(_lost(f, name) for f in fits) > SURELY_NEEDED * SUPERFLUOUS * gap
@@ -310,7 +311,7 @@ def _backward(
         fewer = _without(sides, fits, name)
         judged = frozen(sides, fewer)
         loss = np.mean([j.cost - h.cost for j, h in zip(judged, held, strict=True)])
-        if loss < (0.0 if name == found[-1] else SUPERFLUOUS * gap):
+        if loss < SUPERFLUOUS * (won[k].removed if name == found[-1] else gap):
             named, fits, held = [n for n in named if n != name], fewer, judged
     return named, fits, held
 
