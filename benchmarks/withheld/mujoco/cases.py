@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,13 @@ class Axis:
     quantum: float
     dt: float = DT
     sensed: float | None = None  # noise of a velocity sensor, where the axis has one
+
+
+class Noise(NamedTuple):
+    """What a run has of noise, (n,) each: of the force, and of the velocity where it is sensed."""
+
+    force: np.ndarray
+    speed: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -280,7 +287,9 @@ def draw(suite: str, name: str, seed: int) -> Case:
     n, kind = round(SECONDS / a.dt), str(rng.choice(KINDS))
     fine, t = np.arange(round(SECONDS / DT)) * DT, np.arange(n) * a.dt
     refs = [np.interp(t, fine, motion(rng, kind, len(fine))) * a.length for _ in (0, 1)]
-    noises = [a.noise * rng.normal(size=n) for _ in refs]
+    noises = [Noise(a.noise * rng.normal(size=n)) for _ in refs]
+    if a.sensed is not None:
+        noises = [x._replace(speed=a.sensed * rng.normal(size=n)) for x in noises]
     if cut is not None:  # a drive has one limit, so both motions ask for about as much
         peaks = [_peak(a, plants[0], r, x) for r, x in zip(refs, noises, strict=True)]
         refs[1] = refs[1] * peaks[0] / peaks[1]
@@ -316,13 +325,13 @@ def _suite_of(name: str) -> str:
     return next((suite for suite, names in suites.items() if name in names), "none")
 
 
-def _peak(a: Axis, plant: Plant, ref: np.ndarray, noise: np.ndarray) -> float:
+def _peak(a: Axis, plant: Plant, ref: np.ndarray, noise: Noise) -> float:
     """Return the largest force that a motion asks for, but for single samples."""
     return float(np.quantile(np.abs(a.gain * _play(a, plant, ref, noise, 0.0)["nu"]), 0.9995))
 
 
 def _record(
-    a: Axis, plant: Plant, ref: np.ndarray, noise: np.ndarray, wrong: float
+    a: Axis, plant: Plant, ref: np.ndarray, noise: Noise, wrong: float
 ) -> dict[str, np.ndarray]:
     """Return the log of one run."""
     log = _play(a, plant, ref, noise, wrong)
@@ -330,18 +339,17 @@ def _record(
 
 
 def _play(
-    a: Axis, plant: Plant, ref: np.ndarray, noise: np.ndarray, wrong: float
+    a: Axis, plant: Plant, ref: np.ndarray, noise: Noise, wrong: float
 ) -> dict[str, np.ndarray]:
     """Run the plant under its cascade, whose inner gain is `wrong`; return what a log has."""
     read, speeds, last = np.empty(len(ref)), np.empty(len(ref)), [float(ref[0])]
     kv = a.kv * (1.0 + wrong)
-    flaw = np.random.default_rng(7).normal(size=len(ref)) * (a.sensed or 0.0)
 
     def command(k: int, q: float, v: float) -> float:
         read[k] = a.quantum * round(q / a.quantum)
         differs, last[0] = (read[k] - last[0]) / a.dt, read[k]
-        speeds[k] = differs if a.sensed is None else v + flaw[k]
+        speeds[k] = differs if noise.speed is None else v + noise.speed[k]
         return kv * (a.kp * (ref[k] - read[k]) - speeds[k])
 
-    _, nu = run(plant, command, float(ref[0]), len(ref), a.dt, a.gain, noise)
-    return {"q": read, "nu": nu} | ({} if a.sensed is None else {"dq": speeds})
+    _, nu = run(plant, command, float(ref[0]), len(ref), a.dt, a.gain, noise.force)
+    return {"q": read, "nu": nu} | ({} if noise.speed is None else {"dq": speeds})

@@ -15,15 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from ..scores import score
-from .cases import CHANGED, EFFECTS, UNKNOWN, draw
+from .cases import CHANGED, EFFECTS, KINDS_OF_AXES, UNKNOWN, draw
 
 SUITES = {
     "effects": EFFECTS,
     "none": ("-",),
     "unknown": UNKNOWN,
     "changed": CHANGED,
-    "quiet": (*EFFECTS, "-", *CHANGED, *UNKNOWN),
-    "sensed": (*EFFECTS, "-", *CHANGED, *UNKNOWN),
+    **dict.fromkeys(KINDS_OF_AXES, (*EFFECTS, "-", *CHANGED, *UNKNOWN)),
 }
 
 
