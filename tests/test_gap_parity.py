@@ -85,6 +85,7 @@ def test_a_limit_that_the_law_hardly_exceeds_explains_the_command():
     for given in case.records:
         found = parity.check(iv.Record.from_dict(given), loop)
         assert found.limit == pytest.approx(limit, rel=1e-3)
+        assert found.read is None  # it explains the command: no other law is looked for
 
 
 def test_the_emps_log_shows_delay_0(loop, emps):
