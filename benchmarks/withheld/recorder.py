@@ -13,14 +13,14 @@ def attributions() -> Iterator[list[Any]]:
     """Give the attributions of the diagnoses that run meanwhile, in their order."""
     from importlib import import_module
 
-    begun = import_module("ivtools.gap.diagnose.begun")  # a function hides the room
-    attribute, seen = begun.attribute, []
+    named = import_module("ivtools.gap.diagnose.named")  # a function hides the room
+    attribute, seen = named.attribute, []
 
     def noted(*args: Any) -> Any:
         seen.append(attribute(*args))
         return seen[-1]
 
-    with patch.object(begun, "attribute", noted):
+    with patch.object(named, "attribute", noted):
         yield seen
 
 

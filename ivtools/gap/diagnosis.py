@@ -92,6 +92,8 @@ class Diagnosis(Displayed):
         Its parameters as each effect would have them that helps and has no name.
     supposed : Supposed or None
         An effect that removes most of the gap and yet has no name, where nothing has one.
+    places : mapping
+        Where the valleys of effects were found, if one of them got a name: their parameters.
     """
 
     figure: ClassVar[str] = "gap.gap"
@@ -126,6 +128,7 @@ class Diagnosis(Displayed):
     whole: Fit | None = None
     alternatives: tuple[dict[str, float], ...] = ()
     supposed: Supposed | None = None
+    places: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of ``ivtools diagnose``."""

@@ -75,15 +75,18 @@ class Fit:
         """Force error, N or N m rms; inf if the loop diverges."""
         return float(np.sqrt(np.mean(self.force_error**2)))
 
-    @cached_property
+    @property
     def common(self) -> Fit:
         """The same model, fitted where the fold that it is compared with has been as well.
 
         What a law over position does elsewhere, the other record cannot say: a parabola that fits
         a stroke goes far astray beyond it, and an effect that is there would not replicate.
         """
-        if self.fold.both is None:
-            return self
+        return self if self.fold.both is None else self._common  # one that kept itself would stay
+
+    @cached_property
+    def _common(self) -> Fit:
+        """That of a fold which has been elsewhere."""
         step = steps(self.loop, Scales(self.fold.record, self.loop))
         return gauss_newton(self.fold.common, self.loop, self.values, self.free, step, AGAIN)
 

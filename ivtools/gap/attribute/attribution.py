@@ -80,6 +80,12 @@ class Attribution:
         return self.rounds[0].trials if self.rounds else ()
 
     @property
+    def places(self) -> dict[str, dict[str, float]]:
+        """Where the valleys of effects were found, if one of them got a name: their parameters."""
+        found = self.rounds[0].valleys if self.rounds else {}
+        return found if {*found} & {*self.named} else {}
+
+    @property
     def screened(self) -> dict[str, float]:
         """R2 gain of every effect in the first screening, mean of the folds."""
         return self.rounds[0].gains if self.rounds else {}

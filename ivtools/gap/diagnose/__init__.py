@@ -2,7 +2,8 @@
 
 process     what a user calls; one BLAS thread for as long as it runs
 begun       the base model and the floor of each record, nothing named yet
-finished    what is named, where the gap is, and how far it closes
+named       effects: on both records, on one alone, or without the stretches that stand out
+finished    where the gap is and how far it closes; what does not lower the error loses its name
 refused     what is said where no diagnosis can begin
 """
 

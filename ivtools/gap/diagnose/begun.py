@@ -1,4 +1,4 @@
-"""Begun: base model and floor of a diagnosis, and what is named on its records."""
+"""Begun: base model and floor of a diagnosis."""
 
 from __future__ import annotations
 
@@ -13,16 +13,14 @@ from ...physics import Term
 from ...record import Record
 from ...workers import one_blas_thread, threaded
 from .. import floor, parity, preflight, quantify
-from ..attribute import Attribution, attribute, cost, upheld
-from ..candidate import frozen
+from ..attribute import cost
 from ..diagnosis import Diagnosis
 from ..fit import Fit, common
-from ..floor import Measured, Ready, audible, beside_silent, folds, masked, measure, prepared
-from ..fold import Fold, Link, Side
-from ..library import library
+from ..floor import Measured, Ready, audible, beside_silent, masked, measure, prepared
+from ..fold import Link, Side
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import ADEQUATE, ALONE, AUDIBLE, RATTLES, SATURATED, TOLERANCE, Rules
+from ..rules import AUDIBLE, SATURATED, TOLERANCE, Rules
 from .refused import refused
 
 
@@ -47,7 +45,7 @@ class Inspected(NamedTuple):
 
 
 Progress = Callable[[str], None]
-_Folds = tuple[tuple[Side, ...], tuple[Fit, ...]]
+Folds = tuple[tuple[Side, ...], tuple[Fit, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +86,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Begun:
-    """A diagnosis whose base model is fitted; what is named is looked for when it is asked."""
+    """A diagnosis whose base model is fitted, and nothing named yet."""
 
     task: Task
     loop: ClosedLoop
@@ -98,10 +96,15 @@ class Begun:
     found: list[Finding]
     inspected: Inspected
 
+    @property
+    def eventful(self) -> bool:
+        """Whether stretches stand out."""
+        return any(m.floor.isolated for m in self.measured)
+
     @cached_property
-    def whole(self) -> _Folds:
-        """The folds that are judged."""
-        return folds(self.measured)
+    def folds(self) -> Folds:
+        """What is judged, and the base model on each fold."""
+        return floor.folds(self.measured)
 
     @cached_property
     def calm(self) -> tuple[Measured, ...]:
@@ -109,38 +112,25 @@ class Begun:
         return tuple(masked(m) for m in self.measured)
 
     @cached_property
-    def quiet(self) -> _Folds:
-        """Their folds."""
-        stands_out = any(m.floor.isolated for m in self.measured)
-        return folds(self.calm) if stands_out else self.whole
-
-    @cached_property
-    def attributed(self) -> Attributed:
-        """What is named."""
-        return _attributed(self)
-
-    @property
-    def places(self) -> dict[str, dict[str, float]]:
-        """Where the valleys of effects were found, if one of them got a name."""
-        result = self.attributed.result
-        found = result.rounds[0].valleys if result.rounds else {}
-        return found if any(name in result.named for name in found) else {}
+    def calm_folds(self) -> Folds:
+        """The folds of those."""
+        return floor.folds(self.calm) if self.eventful else self.folds
 
     @property
     def left(self) -> float:
         """Whitened energy that the base model leaves where both records have been, their mean."""
-        return cost(common(self.quiet[1]))
+        return cost(common(self.calm_folds[1]))
 
 
 @one_blas_thread()
 def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
-    """Begin a diagnosis; return it all where the input is refused."""
+    """Fit the base model and measure the floor; return the diagnosis if the input is refused."""
     say = progress or mute
     for one in (r for r in (*task.records, task.judge) if r is not None):
         preflight.require(one)
     say("controller parity")
     rules = task.rules or Rules()
-    fine = min(task.tolerance, TOLERANCE)  # a wide tolerance makes words, and takes no names
+    fine = min(task.tolerance, TOLERANCE)  # above the default it changes the words only
     rules = replace(rules, worth=rules.worth * fine / TOLERANCE)
     task, parts = _bounded(task, rules.samples)
     if preflight.lawless(task.record, task.loop):
@@ -176,7 +166,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     if any(f.fatal for f in found):
         return refused(record, loop, checked, [*found, *law])
     if any(p.clipped > SATURATED for p in checked):
-        rules = replace(rules, most=0)  # an open loop: its command names nothing behind it
+        rules = replace(rules, most=0)  # too often at its limit: it tells nothing of what is behind
     least = AUDIBLE * fine / 100.0
     measured = tuple(audible(m, least) for m in measured)
     if len(records) == 2:
@@ -267,86 +257,3 @@ def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measur
             m = measure(again)
         kept.append(m)
     return tuple(kept)
-
-
-class Attributed(NamedTuple):
-    """What is named.
-
-    Attributes
-    ----------
-    begun : Begun
-        Of the records that say so.
-    fold : Fold
-        On which the gap is quantified.
-    result : Attribution
-    """
-
-    begun: Begun
-    fold: Fold
-    result: Attribution
-
-
-def _attributed(begun: Begun) -> Attributed:
-    """Attribute; if nothing qualifies, once more without the stretches that stand out.
-
-    What qualifies with them and gets no name falls to a force without one, which they are not.
-    """
-    measured, (sides, base), asked = begun.measured, begun.whole, begun.task
-    more = (begun.rules, tuple(asked.extra), tuple(asked.without))
-    result = attribute(sides, base, *more)
-    if not result.named and (alone := _alone(begun, result)) is not None:
-        return alone
-    fell = any(r.qualified for r in result.rounds)
-    if not (result.named or fell) and any(m.floor.isolated for m in measured):
-        measured, whole = begun.calm, (sides, base)
-        sides, base = begun.quiet
-        again = upheld(*whole, attribute(sides, base, *more))
-        result = replace(again, supposed=again.supposed or result.supposed)
-    return Attributed(begun, (measured if len(measured) == 2 else sides)[-1].fold, result)
-
-
-def _alone(begun: Begun, both: Attribution) -> Attributed | None:
-    """Return what one of two records shows by itself, the clearer one first.
-
-    A load may rattle in one of two motions only, or at other moments in each, so that nothing
-    replicates between them: alternating stretches of one record tell it from what came once, if a
-    second mass that was looked for in both explained something of that record by itself. So
-    may any effect that the other motion does not show: then it changes nothing there, and the model
-    of that record is as good with it as without.
-    """
-    task, pair = begun.task, begun.measured
-    if len(pair) < 2:
-        return None
-    extra = tuple(task.extra)
-    others = tuple(t.name for t in library(begun.loop, extra) if not t.second_mass)
-    for k in sorted(range(2), key=lambda k: -pair[k].base.cost):
-        one, other = pair[k], pair[1 - k]
-        silent = other.base.cost < ADEQUATE
-        if one.base.cost < ALONE or not (silent or any(m.floor.isolated for m in pair)):
-            continue
-        name, unmoved = one.fold.record.name, other.fold.record.name
-        ways, out = [], tuple(task.without)
-        if any(t.term.second_mass and t.explained[k] > RATTLES for t in both.trials):
-            but = "nothing replicates between the records"
-            ways.append((f"stretches of {name}", but, (*out, *others), False))
-        if silent and one.fold.link is None:
-            ways.append((name, f"the motion of {unmoved} does not show it", out, True))
-        for where, but, left_out, hidden in ways:
-            sides, base = folds((one,))
-            result = attribute(sides, base, begun.rules, extra, left_out)
-            if not result.named or (hidden and not _hidden(other, result)):
-                continue
-            who = f"judged on {where} alone"
-            said = f"{', '.join(result.named)}: {who}, {but}; record one motion twice to be sure"
-            single = replace(task, record=one.fold.record, holdout=None)
-            own = replace(one, floor=replace(one.floor, between=None))  # they differ by the effect
-            found = [*begun.found, Finding(said, fatal=False)]
-            alone = replace(begun, task=single, measured=(own,), found=found)
-            return Attributed(alone, sides[-1].fold, result)
-    return None
-
-
-def _hidden(other: Measured, result: Attribution) -> bool:
-    """Whether a record that shows no gap shows none with the effects of another one either."""
-    sides = (other.side, other.side)
-    return frozen(sides, (other.base, result.fits[0]))[0].cost < ADEQUATE

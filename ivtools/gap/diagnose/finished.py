@@ -17,6 +17,7 @@ from ..fold import Fold
 from ..preflight import Finding
 from ..rules import AT_CONTROLLER, DESCRIBED, REPEATS, UNNAMED
 from .begun import Begun, Progress, mute
+from .named import named
 
 
 @one_blas_thread()
@@ -37,7 +38,7 @@ def finish(
         return begun
     say = progress or mute
     say("screening and fitting the effects")
-    begun, fold, result = begun.attributed
+    begun, fold, result = named(begun)
     say("where and how far")
     return _answer(begun, result, fold, swung)
 
@@ -47,6 +48,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     task, loop, measured, rules = begun.task, begun.loop, begun.measured, begun.rules
     checked, held_out = tuple(m.parity for m in measured), task.holdout is not None
     (at_controller, values), declared = parity.effects(checked), loop.controller.delay
+    places = result.places
     lowered = _lowered(loop, measured, result, fold, at_controller, held_out, swung)
     effects, result, shrink, traces, said = lowered
     if begun.third is not None:
@@ -97,6 +99,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         whole=_whole(measured[0], result) if task.whole else None,
         alternatives=result.alternatives if task.whole else (),
         supposed=None if effects else result.supposed,
+        places=places,
     )
 
 

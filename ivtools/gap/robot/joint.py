@@ -137,7 +137,7 @@ class Joint:
         if beside.keys() != soft.keys():
             begun = self._begin(loads, own, beside)
         self.found = finish(begun, swung=SWUNG * max(swung, 0.0))
-        self._places = begun.places if isinstance(begun, Begun) else {}
+        self._places = self.found.places
         return self.found
 
     def _begin(
