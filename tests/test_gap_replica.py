@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import ivtools as iv
-from ivtools.gap.rules import Rules
 from ivtools.gap.verdict import replicas
 
 SIDES = ("one", "other")
@@ -16,7 +15,7 @@ def compared(effect, one, two, checked=()):
     if one:
         loop = loop.with_effect(effect, **one)
     values = tuple({f"{effect}.{k}": v for k, v in side.items()} for side in (one, two))
-    (found,) = replicas([effect], SIDES, values, loop, checked, Rules())
+    (found,) = replicas([effect], SIDES, values, loop, checked)
     return found
 
 
@@ -45,13 +44,23 @@ def test_the_size_decides_and_not_the_shape():
     assert compared("stribeck", one, {**two, "force": -5.0}).replicates is False
 
 
+def test_a_delay_on_one_side_is_a_lag_on_the_other():
+    one, other = {"delay": 3e-4, "lag": 0.0}, {"delay": 0.0, "lag": 2.5e-4}
+    found = compared("drive-timing", one, other)
+    assert found.replicates is True
+    assert found.short.endswith("delay + lag 0.3 ms on one, 0.25 ms on other")
+    assert compared("drive-timing", one, {"delay": 1e-3, "lag": 0.0}).replicates is False
+    both = compared("drive-timing", {"delay": 0.0, "lag": 3e-4}, other)
+    assert both.values == {"lag": (3e-4, 2.5e-4)}
+
+
 def test_sizes_that_trade_are_compared_by_what_they_do_together():
     t = np.linspace(0.0, 1.0, 50)
     loop = iv.axes.emps().with_effect("offset-drift", rate=1.0, curvature=0.0)
     one = {"offset-drift.rate": 1.0, "offset-drift.curvature": 0.0}
     two = {"offset-drift.rate": 0.6, "offset-drift.curvature": 0.4}
     made = {"offset-drift.rate": t, "offset-drift.curvature": t**2}
-    asked = ["offset-drift"], SIDES, (one, two), loop, (), Rules()
+    asked = ["offset-drift"], SIDES, (one, two), loop, ()
     assert replicas(*asked)[0].replicates is False
     assert replicas(*asked, made)[0].replicates is True
     away = (one, {**two, "offset-drift.rate": -1.4})

@@ -11,7 +11,7 @@ from scipy import signal
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap.attribute.kept import names_kept, outdone
+from ivtools.gap.attribute.kept import names_kept, outmatched
 from ivtools.gap.discrepancy import Basis, Columns, Spline
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
@@ -242,22 +242,22 @@ def spline(size, over=("q", "past"), shape=SHAPE):
 
 def test_a_name_falls_where_a_force_without_one_explains_more():
     base, rules, gone = (left(3.0),), Rules(), (spline(0.0), spline(0.0))
-    assert outdone(base, (left(1.7),), *gone, rules)
-    assert not outdone(base, (left(0.5),), *gone, rules)  # equivalent
-    assert outdone(base, (left(0.5),), spline(0.0, ("q",)), spline(0.0), rules)  # one law is
-    assert not outdone(base, (left(1.7),), spline(0.8), spline(0.0), rules)  # both are there
+    assert outmatched(base, (left(1.7),), *gone, rules)
+    assert not outmatched(base, (left(0.5),), *gone, rules)  # equivalent
+    assert outmatched(base, (left(0.5),), spline(0.0, ("q",)), spline(0.0), rules)  # one law is
+    assert not outmatched(base, (left(1.7),), spline(0.8), spline(0.0), rules)  # both are there
     few = np.where(np.arange(2000) < 300, SHAPE, 0.0)  # in six blocks only
-    assert not outdone((left(3.0, few),), (left(2.0, few),), *gone, rules)
-    assert outdone((left(9.0, few),), (left(6.0, few),), *gone, rules)  # most of it
+    assert not outmatched((left(3.0, few),), (left(2.0, few),), *gone, rules)
+    assert outmatched((left(9.0, few),), (left(6.0, few),), *gone, rules)  # most of it
 
 
 def test_a_name_that_spares_a_force_without_one_a_signal_may_fall_a_little_short():
     base, held, three = (left(3.0),), (left(1.7),), ("q", "past", "dq")
     plain = spline(0.0, three)
-    assert outdone(base, held, plain, spline(0.0, three), Rules())
-    assert not outdone(base, held, plain, spline(0.5), Rules())
-    assert outdone(base, held, plain, spline(1.2), Rules())  # more than a little
-    assert outdone(base, held, spline(0.0), spline(0.5, ("q",)), Rules())  # two are few
+    assert outmatched(base, held, plain, spline(0.0, three), Rules())
+    assert not outmatched(base, held, plain, spline(0.5), Rules())
+    assert outmatched(base, held, plain, spline(1.2), Rules())  # more than a little
+    assert outmatched(base, held, spline(0.0), spline(0.5, ("q",)), Rules())  # two are few
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -22,7 +22,7 @@ from .locate import Region
 from .parity import Parity
 from .preflight import Finding
 from .quantify import Shrink, Traces, within
-from .rules import CORRECTED, NOTHING_ALONE, TOLERANCE
+from .rules import CORRECTED, EXPLAINED, NOTHING_ALONE, TOLERANCE
 from .verdict import VERDICTS, Ranked, Replica, Setting
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ class Diagnosis(Displayed):
             (
                 r.effect,
                 f"{100 * r.closed:.0f} %",
-                r.chance,
+                "-" if r.effect in self.later else r.chance,
                 "yes" if r.effect in self.effects else "replicates" if r.replicates else "",
             )
             for r in self.ranking[:8]
@@ -218,15 +218,30 @@ class Diagnosis(Displayed):
 
     @property
     def negligible(self) -> bool:
-        """Whether the gap is below the tolerance."""
+        """Whether the gap is below the tolerance, and no setting has changed."""
         s = self.shrink
-        return s is not None and s.gap < 0.01 * self.tolerance * s.force
+        return s is not None and not self.changed and s.gap < 0.01 * self.tolerance * s.force
+
+    @property
+    def why(self) -> str:
+        """The verdict in words, with what speaks against it."""
+        s = self.shrink
+        if s is None:
+            return "nothing was simulated"
+        said = VERDICTS[self.verdict]
+        if self.verdict == "explained" and s.closed < EXPLAINED:
+            left = f"{s.of_force(s.remainder):.2g} % of the force"
+            said = f"the named effects close the gap to {left} above the floor, which is negligible"
+        if self.effects and s.after_frozen > s.before:
+            said += "; with the first record's base parameters the error is larger than before"
+        if s.judged is not None and s.judged.after > s.judged.before:
+            said += f"; on {s.judged.record}, which only judges, the error is larger than before"
+        return said
 
     def _lines(self) -> list[str]:
-        why = "nothing was simulated" if self.shrink is None else VERDICTS[self.verdict]
-        lines = [f"verdict: {self.verdict} ({why})"]
+        lines = _wrapped(f"verdict: {self.verdict} ({self.why})", "  ")
         if self.size:
-            lines.append(f"gap: {self.size}")
+            lines += _wrapped(f"gap: {self.size}", "  ")
         for effect in self.effects:
             lines += self._named(effect)
         for name, change in self.changed.items():
@@ -244,7 +259,9 @@ class Diagnosis(Displayed):
 
     def _named(self, effect: str) -> list[str]:
         """Return what is said of a named effect."""
-        values = ", ".join(f"{k} {self.value(effect, k)}" for k in self.parameters.get(effect, {}))
+        own = self.parameters.get(effect, {})  # without a spring or a delay that is none
+        shown = {k: v for k, v in own.items() if v != 0.0} or own
+        values = ", ".join(f"{k} {self.value(effect, k)}" for k in shown)
         twins = self.ambiguous_with.get(effect, [])
         other = f"; the records cannot tell it from {' or '.join(twins)}" if twins else ""
         chance = self.chance(effect)
@@ -258,15 +275,17 @@ class Diagnosis(Displayed):
         s = self.shrink
         if s is None:
             return []
-        lines = _wrapped(
-            f"force error: {s.before:.3g} -> {within(s.after, s.unit, s.interval)}; "
-            "floor, which no model could go below: "
-            f"{s.floor:.3g}; closed {round(100 * s.closed)} % of what is above it",
-            "  ",
-        )
+        before, floor = quantity(s.before, s.unit, 3), quantity(s.floor, s.unit, 3)
+        text = within(s.after, s.unit, s.interval)
+        text = text if s.after == s.before else f"{before} -> {text}"
+        text = f"force error: {text}; floor, which no model could go below: {floor}"
+        if self.effects:
+            text += f"; closed {round(100 * s.closed)} % of what is above it"
+        lines = _wrapped(text, "  ")
         if s.corrected < CORRECTED * s.before:
-            lines.append(f"  of which the controller, put right: {s.corrected:.3g} {s.unit}")
-        if s.held_out and self.effects:
+            put_right = quantity(s.corrected, s.unit, 3)
+            lines.append(f"  of which the controller, put right: {put_right}")
+        if s.held_out:
             frozen = within(s.after_frozen, s.unit, s.interval_frozen)
             lines.append(f"  with the first record's base parameters: {frozen}")
         if s.judged is not None:
@@ -282,6 +301,12 @@ class Diagnosis(Displayed):
         """Named effects that close next to nothing by themselves."""
         alone = {r.effect: r.closed for r in self.ranking}
         return tuple(e for e in self.effects if alone.get(e, 1.0) < NOTHING_ALONE)
+
+    @property
+    def later(self) -> tuple[str, ...]:
+        """Named effects whose p value, of each by itself, tells nothing: they show later."""
+        fitted = {r.effect for r in self.ranking if r.held_out}
+        return tuple(e for e in self.effects if e in self.beside or e not in fitted)
 
     @property
     def said_of_beside(self) -> list[str]:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from ..tables import Text, sentence, table
 from ..units import JOINTS, quantity
+from .quantify import within
 from .rules import CORRECTED
 from .simulator import changes_table
-from .verdict import VERDICTS
 
 if TYPE_CHECKING:
     from ..report import Card, Page
@@ -97,7 +97,7 @@ def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
     """
     from ..plots import gap as figures
 
-    verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
+    verdict = f"{diagnosis.verdict.capitalize()}: {diagnosis.why}."
     told = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
     tables = [named_table(diagnosis)] if diagnosis.replicas else []
     charts, folded = [], []
@@ -158,19 +158,19 @@ def _card(diagnosis: Diagnosis) -> Card:
     if s is not None and not facts:
         facts = [("Effects", "none is named")]
     if s is not None:
-        after = f" → {quantity(s.after, s.unit, 3)}" if diagnosis.effects else ""
+        after = f" → {quantity(s.after, s.unit, 3)}" if s.after != s.before else ""
         if diagnosis.negligible:
             facts.append(("Gap", diagnosis.size))
         share = f"{_percent(s.of_force(s.before))} %"
-        share += f" → {_percent(s.of_force(s.after))} %" if diagnosis.effects else ""
+        share += f" → {_percent(s.of_force(s.after))} %" if after else ""
         facts.append(
             ("Force error, rms", f"{quantity(s.before, s.unit, 3)}{after}; {share} of the force")
         )
-        if s.held_out and diagnosis.effects:
+        if s.held_out:
             frozen = quantity(s.after_frozen, s.unit, 3)
             facts.append(("With the first record's base parameters", frozen))
         facts.append(("Floor", quantity(s.floor, s.unit, 3)))
-    verdict = f"{diagnosis.verdict.capitalize()}: {VERDICTS[diagnosis.verdict]}."
+    verdict = f"{diagnosis.verdict.capitalize()}: {diagnosis.why}."
     tone = _TONES.get(diagnosis.verdict, "doubt")
     if s is None and facts:
         verdict = "Nothing could be simulated, but this shows all the same."
@@ -231,18 +231,19 @@ def gap_text(diagnosis: Diagnosis) -> list[str]:
     if s is None:
         return ["Nothing was simulated: the record or the axis file must be looked at first."]
     judge = "another record" if s.held_out else "stretches of the record that they were not fitted"
+    floor = quantity(s.floor, s.unit, 3)
     text = (
-        f"The simulated force is {s.before:.3g} {s.unit} rms off the measured one, "
+        f"The simulated force is {quantity(s.before, s.unit, 3)} rms off the measured one, "
         f"{_percent(s.of_force(s.before))} % of the force"
     )
     text = f"Negligible: {text[0].lower()}{text[1:]}" if diagnosis.negligible else text
     if not diagnosis.effects:
-        return [f"{text}; the floor, which no model could go below, is {s.floor:.3g} {s.unit}."]
+        told = f"{text}; the floor, which no model could go below, is {floor}."
+        return [f"{told}{_handed_over(s)}"]
     return [
-        f"{text},{_controller(s)} and {s.after:.3g} {s.unit} (95 % interval {s.interval[0]:.3g} to "
-        f"{s.interval[1]:.3g}) with the named effects, judged on {judge}"
-        f"{'' if s.held_out else ' to'}. The floor is {s.floor:.3g} {s.unit}, so "
-        f"{round(100 * s.closed)} % of what a model can close is closed.{_handed_over(s)}"
+        f"{text},{_controller(s)} and {within(s.after, s.unit, s.interval)} (95 % interval) with "
+        f"the named effects, judged on {judge}{'' if s.held_out else ' to'}. The floor is {floor}, "
+        f"so {round(100 * s.closed)} % of what a model can close is closed.{_handed_over(s)}"
     ]
 
 
@@ -250,11 +251,8 @@ def _handed_over(s: Shrink) -> str:
     """Return what the model leaves that is handed over, its base parameters not tuned again."""
     if not s.held_out:
         return ""
-    low, high = s.interval_frozen
-    return (
-        f" With the first record's base parameters it is {s.after_frozen:.3g} {s.unit} "
-        f"({low:.3g} to {high:.3g})."
-    )
+    frozen = within(s.after_frozen, s.unit, s.interval_frozen)
+    return f" With the first record's base parameters it is {frozen}."
 
 
 def _nothing(diagnosis: Diagnosis) -> list[str]:
@@ -275,7 +273,7 @@ def _controller(s: Shrink) -> str:
     """Return what putting the controller right is worth."""
     if s.corrected >= CORRECTED * s.before:
         return ""
-    return f" {s.corrected:.3g} {s.unit} with the controller put right,"
+    return f" {quantity(s.corrected, s.unit, 3)} with the controller put right,"
 
 
 def named_table(diagnosis: Diagnosis) -> Text:
@@ -303,7 +301,10 @@ def named_table(diagnosis: Diagnosis) -> Text:
 
 def ranking_table(diagnosis: Diagnosis) -> Text:
     """Return what each effect closes by itself, the most first."""
-    rows = [[r.effect, f"{100 * r.closed:.0f} %", r.chance] for r in diagnosis.ranking[:8]]
+    rows = [
+        [r.effect, f"{100 * r.closed:.0f} %", "-" if r.effect in diagnosis.later else r.chance]
+        for r in diagnosis.ranking[:8]
+    ]
     return table("Ranking", [], ["effect", "closes by itself", "p value"], rows)
 
 
@@ -313,7 +314,7 @@ def _signals(diagnosis: Diagnosis) -> Text:
     assert s is not None
     length = JOINTS[diagnosis.loop.joint].length
     units = {"position": length, "velocity": f"{length}/s", "acceleration": f"{length}/s²"}
-    rows = [["force", f"{s.before:.3g} {s.unit}", f"{s.after:.3g} {s.unit}"]]
+    rows = [["force", quantity(s.before, s.unit, 3), quantity(s.after, s.unit, 3)]]
     for name, (before, after) in s.signals.items():
         rows.append([name, quantity(before, units[name], 3), quantity(after, units[name], 3)])
     header = ["signal", "before", "after"]

@@ -10,7 +10,7 @@ from scipy import signal, stats
 
 from ..loop import ClosedLoop
 from ..record import Record
-from ..units import JOINTS
+from ..units import JOINTS, prefixed, quantity
 from .attribute import Attribution
 from .candidate import phases
 from .fit import Fit, gauss_newton, steps
@@ -24,11 +24,12 @@ Array = NDArray[np.float64]
 def within(error: float, unit: str, interval: tuple[float, float]) -> str:
     """Return an error and its interval, for people.
 
-    >>> within(1.234, "N", (1.1, 1.4))
-    '1.23 N [1.1, 1.4]'
+    >>> within(1.234, "N", (1.1, 1.4)), within(0.00234, "N m", (0.002, 0.0031))
+    ('1.23 N [1.1, 1.4]', '2.34 mN m [2, 3.1]')
     """
-    low, high = interval
-    return f"{error:.3g} {unit} [{low:.3g}, {high:.3g}]"
+    factor, shown = prefixed(error, unit)
+    size, low, high = (factor * x for x in (error, *interval))
+    return f"{size:.3g} {shown} [{low:.3g}, {high:.3g}]"
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Judged:
     def said(self, unit: str) -> str:
         """Return the errors, N or N m, as a sentence."""
         return (
-            f"on {self.record}, which only judges: {self.before:.3g} -> "
+            f"on {self.record}, which only judges: {quantity(self.before, unit, 3)} -> "
             f"{within(self.after, unit, self.interval)}; with the first record's base parameters: "
             f"{within(self.after_frozen, unit, self.interval_frozen)}"
         )
@@ -186,6 +187,8 @@ def how_far(
         step = steps(tuned.loop, measured[-1].side.scales)
         after = gauss_newton(fold, tuned.loop, tuned.values, tuned.free, step, RETUNED)
     before = replace(plain, fold=replace(plain.fold, keep=fold.keep))
+    if not result.named and after.force_rms > before.force_rms:
+        after = before  # what was put right of the controller makes nothing better
     still = replace(after, values=_handed_over(result.fits[0], after))
     level = measured[-1].floor
     plain_base = result.base[-1] if len(measured) == 1 else measured[-1].base
@@ -262,7 +265,7 @@ def quantify(
         after=_rms(e1),
         corrected=_rms(e3),
         interval=_interval(e1, fold),
-        floor=min(floor, _rms(e1), _rms(e0)),
+        floor=min([floor, *map(_rms, (e0, e1, e2))]),
         held_out=held_out,
         after_frozen=_rms(e2),
         interval_frozen=_interval(e2, fold),

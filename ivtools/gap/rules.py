@@ -1,8 +1,25 @@
 """Rules: every threshold that a diagnosis decides by, what it means, and how it was found.
 
 In the order in which a record flows through the rooms. What belongs to one effect, as its bounds
-and where a search for it begins, is in its `Term`; what belongs to an algorithm of a lower layer,
-as the rough inertia or the difference of two logs, has a name there.
+and where a search for it begins, is in its `Term`, unless it depends on the record (`BEHIND`,
+`LINKED`); what belongs to an algorithm of a lower layer, as the rough inertia or the difference of
+two logs, has a name there.
+
+Words:
+
+fold                  one of two sets of samples that judge each other: a record and its hold-out,
+                      or alternating stretches of one record
+held out              on the fold that an effect was not fitted to; the base parameters are tuned
+                      again there
+whitened energy       mean square of the error after the noise filter: 1 is noise alone, the floor
+gap                   whitened energy of the base model less 1
+gain                  share of the whitened energy, noise included, that an effect removes held out
+block t value         t value of a sum over blocks of `BLOCK` seconds, which count as independent
+smooth law            a penalised spline over the state of the axis or its past
+force without a name  the smooth law that predicts held-out data best
+line                  a force that is periodic over position
+valley                a minimum too narrow to be found by gradients
+second mass           a load behind a spring or a backlash
 
 Sources of the values: *theory* (follows from a definition), *physics* (what machines can have),
 *training* (withheld effects of seeds below 1000, never those that are published, see
@@ -17,6 +34,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..physics import Term
+
+#: Factor by which two amplitudes of one effect may differ and still agree (training; widths of
+#: backlash: 1.6 of one that is there, 2.3 of a spring that has the form of a backlash).
+AGREES = 1.67
 
 # --- parity: does the command follow from the measured position? ------------------------------
 
@@ -34,20 +55,23 @@ AT_TOP = 0.9995
 #: smooth peak three quarters of it, of a limit all).
 SITS = 0.9
 #: Share of the largest command from which an integrator is taken to stand, for a first look at a
-#: noisy limit (training), median deviations below such a limit at which the command is still there
-#: (theory: 4 standard deviations), and how much of the limit they are at most: else it is none
-#: (judgement: what the law exceeds everywhere is in other units).
-NEAR_TOP, FLAT, ROUGHEST = 0.95, 6.0, 0.12
-#: Spread of the command there, of that of the law, at most (training: 0.29 where a gain was wrong
-#: and what was logged had a background; up to 0.01 in seven records at a limit).
+#: noisy limit (training).
+NEAR_TOP = 0.95
+#: A command with noise is at its limit down to so many median deviations below it (theory: 4
+#: standard deviations), and these are at most this share of the limit (judgement: else the law
+#: exceeds the command everywhere, which is another unit and no limit).
+FLAT, ROUGHEST = 6.0, 0.12
+#: Largest spread of the command at its limit over the spread of what the law gives there (training:
+#: 0.29 where a gain was wrong and what was logged had a background; up to 0.01 in seven records at
+#: a limit).
 FLATTER = 0.1
 #: Law over the largest command beyond which the law was cut (training).
 CUT = 1.02
 #: Share of the samples at the top at which the law must have been cut (training).
 CUT_SHARE = 0.8
-#: Energy of the parity error that a limit leaves, of that without it and of the command, at most,
-#: where the law was cut at fewer of them (judgement: nothing else takes nearly all of it; 2e-4 of
-#: the one and 6e-3 of the other in training).
+#: Where the law was cut at fewer of them: energy of the parity error that the limit leaves at most,
+#: over that of the error without it, and over that of the command (judgement: nothing else takes
+#: nearly all of the error; in training 2e-4 and 6e-3 are left).
 LIMIT_LEAVES = 0.01
 #: Relative parity error up to which the command is that of the law (numerics: digits of a log).
 ROUNDING = 1e-7
@@ -105,13 +129,6 @@ WRONG_UNIT = 2.0
 INERTIA_RANGE = (0.05, 20.0)
 #: Share of samples at the limit beyond which nothing behind the command is named (training).
 SATURATED = 0.2
-#: Whitened energy of a record from which effects are looked for in it alone, where nothing
-#: replicates between two (cost).
-ALONE = 4.0
-#: Share of that which a second mass, looked for in both records, removes from one by itself, from
-#: which it is looked for in that one alone (cost: 0.9 in one that rattles; in seven of the slowest
-#: records nothing was found in both).
-RATTLES = 0.3
 #: Share of samples at the limit beyond which nothing controls the axis (training, seeds 3010+).
 OPEN_LOOP = 0.9
 #: How near a factor must come to that of a unit, relative (physics).
@@ -135,9 +152,6 @@ MOVING = 0.5
 #: Ratio of the inertias of two records of one axis at most (physics: a payload weighs less than the
 #: axis that carries it; what it changes is said).
 SAME_AXIS = 2.0
-#: Growth of the error's energy with the other record's value of a base parameter from which that
-#: has changed, whatever else is left (training: other axes).
-OTHER_VALUE = 3.0
 
 # --- pull and hanging: where no control law holds the axis ------------------------------------
 
@@ -160,8 +174,6 @@ LEAST_SWINGS, SWING_RATE = 4.0, 0.2
 SWING_EDGE, LARGEST_EDGE = 0.5, 0.25
 #: Share of the acceleration's remainder that gravity must explain on the other half (judgement).
 HANGS = 0.5
-#: Factor between the two halves' gravity over inertia at most (as for other effects).
-HANGS_ALIKE = 1.67
 
 # --- fold: which samples count ----------------------------------------------------------------
 
@@ -192,8 +204,8 @@ COMMON = 0.1
 LEAST_BLOCK = 20
 #: Square of a singular value, of the largest, below which sizes of forces are one (numerics).
 TOLD_APART = 1e-9
-#: A direction in which an error is discounted by less than this is not discounted (numerics: half
-#: of them).
+#: What the links of a robot leave in doubt is discounted in a joint's error; a direction in which
+#: less than this share of it is, counts in full (numerics: half of the directions).
 UNDOUBTED = 1e-3
 #: Numbers of stretches into which a record that judges itself may be cut (training).
 STRETCHES = (4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
@@ -272,8 +284,9 @@ OUTLYING = 0.05
 #: (training: with three a force of position times speed leaves 1.2 to 2.4 times the noise, with two
 #: up to six times).
 LEARNT = 3
-#: How much further off a window may be in which a coarse sensor never changes (training: of twenty
-#: axes of MuJoCo's without an effect two had events where half of the samples were as before).
+#: How much further off, of `EVENT`, a window may be in which a coarse sensor never changes
+#: (training: of twenty axes of MuJoCo's without an effect two had events where half of the samples
+#: were as before).
 ROUNDED = 1.0
 #: Seconds of longer windows, and deviations of their energy or mean beyond which a weak force has
 #: acted for a while (training: 24 records without one are below 3.9, of three lost ones above 6).
@@ -375,9 +388,6 @@ LEAST_CROWD = 7
 SECOND_CROWD, LARGE = 4, 4.0
 #: Power of two: points at which the search for what a drive delivers begins (numerics).
 DELIVERED_POINTS = 5
-#: Factor by which the gap before a second mass may differ between folds (as for other effects;
-#: training: 1.6 of one that is there, 2.3 of a spring that has the form of a gap).
-SAME_GAP = 1.67
 #: Points per dimension, and generations, of differential evolution (training).
 CROWD, GENERATIONS = 5, 24
 #: Energy that the best point of a generation may leave, of that without the effect; else the search
@@ -389,21 +399,29 @@ MUTATION, RECOMBINATION = (0.4, 0.9), 0.9
 
 # --- attribute: what is named -----------------------------------------------------------------
 
-#: Whitened energy over the floor below which nothing is missing (training: 98 of 100).
+#: Whitened energy that the base model must leave on one record for effects to be looked for in it
+#: alone, where both together name nothing (cost).
+ALONE = 4.0
+#: Share of one record's whitened energy that a second mass, looked for in both, must remove for it
+#: to be looked for in that one alone (cost: 0.9 in one that rattles; in seven of the slowest
+#: records nothing was found in both).
+RATTLES = 0.3
+#: Whitened energy, where the floor is 1, below which a record shows no gap (training: 98 of 100
+#: without an effect); wider searches and further laws of the speed are spared below it.
 ADEQUATE = 1.12
-#: Samples at which a record is so short that twice that energy may be its noise, badly known: what
-#: comes on top falls with their square (training: 26 healthy records of 1100 to 3000 samples).
+#: A record of n samples shows none up to `ADEQUATE` + (`SHORT` / n)^2, for its noise is badly known
+#: (training: 26 healthy records of 1100 to 3000 samples).
 SHORT = 520
-#: Whitened energy from which none of what names leave counts as floor (training).
-ADEQUATE_NAMED = 1.15
-#: And how far below that all of it does (training).
-ALL_LEFT = 0.1
+#: Whitened energy that names leave from which none of it counts as floor, and the width below it
+#: over which the share that counts rises to all of it (training).
+ADEQUATE_NAMED, ALL_LEFT = 1.15, 0.1
 #: Correlation of what two effects change from which they are one law to first orders (judgement).
 TWIN = 0.98
-#: Whitened energy over the floor at which nothing is left to decide between rivals (training).
+#: Whitened energy below which nothing is left that could decide between rivals (training).
 CLEAN = 1.05
-#: The same over what smooth laws leave, from which a force without a name may explain more
-#: (training: of 39 true names one lies above, 1.041; two false ones at 1.040 and 1.059).
+#: Whitened energy that names leave, over that which smooth laws of the base model's motion leave,
+#: from which a force without a name may explain more (training: of 39 true names one lies above,
+#: 1.041; two false ones at 1.040 and 1.059).
 MORE = 1.03
 #: Whitened energy beyond which what is left in the end speaks against names (numerics: how well
 #: the floor is known).
@@ -431,12 +449,13 @@ SURELY_NEEDED = 4.0
 #: Rounds in which either of two names is looked for beside the other (cost: the third is needed
 #: where the first name was the wrong one).
 PAIR_ROUNDS = 3
-#: What a further name removes at least, of what all names leave (training: of nine further names
-#: that left more than 1.05 three right ones removed 1.2 times as much or more, as those of EMPS do,
-#: and five wrong ones 0.05 to 0.13 times).
+#: A second or later name falls if it removes less than this share of the energy above the floor
+#: that all names leave (training: of nine such names that left more than 1.05 three right ones
+#: removed 1.2 times as much or more, as those of EMPS do, and five wrong ones 0.05 to 0.13 times).
 SLIGHT = 0.3
-#: Of the gap: what removes it on both folds, and fails for what else is in the gap, is tried with
-#: another effect beside it (training: position-friction and a spring, 0.37 and 0.36).
+#: Share of the gap that an effect removes on both folds to be tried with another one beside it,
+#: although it does not qualify by itself: the other one may hide it (training: friction over
+#: position and a spring, 0.37 and 0.36).
 LEADING = 0.3
 #: Most of anything: more than half of it (definition).
 MOST = 0.5
@@ -459,7 +478,7 @@ WEIGHTS = {
 #: Exponent by which energy that a name leaves excuses uneven amplitudes of the blocks
 #: (training, the same names: 1, 1.5 and 2 do equally well, 0 does not).
 UNEVEN_LEFT = 1.5
-#: Energy that is left from which it excuses no more of that (training: three smooth forces of
+#: What is left beyond this energy excuses no more of it (training: three smooth forces of
 #: MuJoCo's of which a spring or a friction over position left 6 to 72 times the floor; none of 673
 #: other names falls by it, and one of them with 2).
 MOST_LEFT = 3.0
@@ -479,7 +498,7 @@ LITTLE, NEARLY = 0.34, 0.6
 UNLIKELY = 0.14
 #: Share of an effect that no smooth law could have, and gain of any other effect relative to its
 #: own, from which there is nothing that it could be taken for, and the probability that its name is
-#: right then, however few blocks show it (training: gaps of MuJoCo's, seeds 1109 to 1223, whose
+#: right then, however few blocks show it (training: backlash of MuJoCo's, seeds 1109 to 1223, whose
 #: loads rattle otherwise than any simulation of them: eight of eight, and one more of each; nothing
 #: else passes in 66 other cases there, nor in 210 of 7000 on).
 APART, NO_RIVAL, SURE_APART = 0.85, 0.34, 0.9
@@ -510,15 +529,15 @@ UNLIKE_SMOOTH = 0.5
 #: where it is friction (training: 0.002 to 0.024 of four frictions over position, 0.034 to 0.8 of
 #: 13 forces over position and direction).
 EVEN = 0.03
-#: Share of an effect that a force without a name, fitted beside it, leaves at least, and the factor
-#: by which its amplitude there may differ from that by itself (training: of 30 names of
-#: forces without one, which replicate by themselves, two are inside; of 25 true ones, lost behind
-#: something else, ten).
-UNSHARED, AS_LARGE = 0.05, 1.67
+#: Share of an effect that a force without a name, fitted beside it, leaves at least, where its
+#: amplitude `AGREES` with that by itself (training: of 30 names of forces without one, which
+#: replicate by themselves, two do; of 25 true ones, lost behind something else, ten).
+UNSHARED = 0.05
 #: Share of a line's gain that smooth laws may add where there is nothing but the line (judgement:
 #: a curve that is no sine leaves more).
 EXACT = 0.01
-#: Standard deviations of chance that are granted to what such laws take (theory: 98 % of noise).
+#: Columns of smooth laws take some of any noise. So much counts as chance, in standard deviations
+#: above its mean (theory: 98 % of noise takes less).
 CHANCE = 2.0
 #: Block t value by which an effect periodic over position must do better than periodic friction,
 #: which is no effect (training: true ones reach 3, seeds 310 to 312).
@@ -549,7 +568,8 @@ TO_ZERO = 0.1
 #: Square of the least singular value, of the largest, of columns that are still told apart
 #: (numerics).
 ALIKE = 1e-10
-#: Whitened energy from which what is left is worth a description (theory: half the floor, 1.25).
+#: Whitened energy from which what is left is described, if it repeats (judgement: as `CLEAN`; what
+#: is half the floor, 1.25, must be).
 DESCRIBED = 1.05
 #: Block t value of the energy that it saves on held-out data (training). What else saves as much
 #: and has no name is an alternative.
@@ -557,9 +577,10 @@ DISCREPANCY_T = 3.0
 #: Share of that energy from which fewer blocks are enough, and their t value (as of dominant
 #: effects: what depends on the load shows where the axis accelerates).
 DISCREPANCY_MOST = (0.5, 2.0)
-#: Signals from which a force without a name may be like anything, and the share of what it removes
-#: that names may fall short by which spare it one of them (training: of 13 true names behind a real
-#: background that were lost for 0.01 to 0.1 seven do; of 36 false ones one, for 0.103).
+#: A force over so many signals or more may be like anything: beside names it needs one fewer. If it
+#: does with them, names may fall short of it by this share of what it removes (training: of 13 true
+#: names behind a real background that were lost for 0.01 to 0.1 seven spare it one; of 36 false
+#: ones one, lost for 0.103).
 SEVERAL, SPARED = 3, 0.1
 #: Standard errors by which names may predict worse than a force without a name does (theory:
 #: Breiman et al., 1984; training: four false names were 1.1 to 5.7 worse; of true ones only one,
@@ -576,9 +597,9 @@ DISCREPANCY_SIZE = 0.1
 EXPLAINED = 0.9
 #: Per cent of the force below which a gap is negligible, unless a user says otherwise (taste).
 TOLERANCE = 2.0
-#: Of the tolerance, up to `TOLERANCE`: stretches that stand out by less are none (judgement: 32
-#: withheld bursts stand out by 1.6 to 45 % of the force; where the noise is a thousandth, MuJoCo's
-#: dry friction, which is never quite dry, by 0.1 %).
+#: A stretch stands out by at least this share of the tolerance, or of `TOLERANCE` if that is less
+#: (judgement: 32 withheld bursts stand out by 1.6 to 45 % of the force; where the noise is a
+#: thousandth, MuJoCo's dry friction, which is never quite dry, by 0.1 %).
 AUDIBLE = 0.5
 #: Of the tolerance: what is left above the floor where the whole error is below it, and the model
 #: adequate (judgement: half a step of MuJoCo's own, a twentieth of a sample, makes 0.2 %).
@@ -588,6 +609,9 @@ OVER_FLOOR = 1.25
 #: t value from which a base parameter has changed, between two records (training: 0 of 100) or from
 #: a simulator to its axis.
 CHANGED_T = 6.0
+#: Growth of the error's energy with the other record's value of a base parameter from which that
+#: has changed, whatever else is left (training: other axes).
+OTHER_VALUE = 3.0
 #: Relative change of a base parameter that is worth a word (physics: friction warms up).
 CHANGED_BY = 0.05
 #: Frozen over re-tuned energy that speaks of a changed setting (training).
@@ -764,14 +788,14 @@ class Rules:
         minute and 4 GB; judgement: 20 s of a fast controller's log).
     """
 
-    everywhere: Threshold = Threshold(0.035, 5.0, 1.67, 0.15)
+    everywhere: Threshold = Threshold(0.035, 5.0, AGREES, 0.15)
     periodic: Threshold = Threshold(0.015, 12.0, 1.3)
-    other: Threshold = Threshold(0.02, 6.5, 1.67)
+    other: Threshold = Threshold(0.02, 6.5, AGREES)
     steady: Threshold = Threshold(0.012, 20.0, 1.25)
     dominant: Threshold = Threshold(0.5, 3.0, 1.25)
     one_sided: Threshold = Threshold(0.001, 12.0, 1.15)
-    thorough: Threshold = Threshold(0.012, 5.0, 1.67, 0.6)
-    rough: Threshold = Threshold(0.15, 2.0, 1.67)
+    thorough: Threshold = Threshold(0.012, 5.0, AGREES, 0.6)
+    rough: Threshold = Threshold(0.15, 2.0, AGREES)
     equivalence: float = 0.12
     equivalence_open: float = 0.25
     equivalence_law: float = 0.02
@@ -786,6 +810,11 @@ class Rules:
     swing: float = 0.0
     worth: float = 0.003
     samples: int = 200_000
+
+    @property
+    def later(self) -> Rules:
+        """What a name takes after the first one: most of what that leaves is not much."""
+        return replace(self, thorough=self.steady)
 
     @property
     def at_floor(self) -> Rules:

@@ -159,7 +159,7 @@ class Attribution:
         others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
         found = weigh(trial, others, self.base, self.rules, self.full or self.held)
         if trial.name in self.certain:
-            return replace(found, unlike=1.0)
+            return replace(found, certain=True)
         return replace(found, surpassed=trial.name in self.surpassed)
 
     @cached_property

@@ -53,8 +53,7 @@ class Evidence:
         Share of the whole reducible gap that named effects remove, or that smooth laws of the state
         could not remove either.
     unlike : float
-        Share of its gain that no smooth law of the state could have, known or not; 0 to 1. What a
-        further sensor in the law has measured is no function of the state: 1.
+        Share of its gain that no smooth law of the state could have, known or not; 0 to 1.
     evenness : float
         How well the blocks of the records agree in its amplitude: 1 is as well as noise lets them.
     stands : bool
@@ -65,6 +64,9 @@ class Evidence:
     apart : bool
         Whether it is the motion of a second mass that removes much, and no smooth law could have
         most of that: then few blocks are enough.
+    certain : bool
+        Whether it is no guess: what a further sensor in the law has measured is no smooth law, nor
+        is friction over position where the force without a name is just that.
     """
 
     gain: float
@@ -79,6 +81,7 @@ class Evidence:
     stands: bool = False
     surpassed: bool = False
     apart: bool = False
+    certain: bool = False
 
     @property
     def outdone(self) -> bool:
@@ -124,15 +127,16 @@ def evidence(
     held : sequence of Fit
         The model with all that is named; without it, all that is left may yet get a name.
     """
-    whole = max(float(np.mean([b.cost for b in base])) - 1.0, 1e-9)
+    whole = max(cost(base) - 1.0, 1e-9)
+    rest = cost(held) - max(left_by_smooth_laws(base), UNNAMED) if held else 0.0
     return Evidence(
         gain=float(np.min(trial.gains)),
         t=float(np.min(trial.t)),
         disagreement=trial.disagreement,
         rival=max([0.0, *(r.gain / trial.gain for r in rivals)]),
         share=trial.removed / whole,
-        left=float(np.mean([h.cost for h in trial.held])),
-        explained=1.0 - max(cost(held) - max(lawless(base), UNNAMED), 0.0) / whole if held else 1.0,
+        left=cost(trial.held),
+        explained=1.0 - max(rest, 0.0) / whole,
         unlike=trial.unlike,
         evenness=trial.evenness(held) if held else 1.0,
         apart=trial.apart and float(np.min(trial.gains)) >= rules.rough.gain,
@@ -141,15 +145,15 @@ def evidence(
 
 def features(proof: Evidence) -> dict[str, float]:
     """Return the evidence on the scales on which it adds up."""
-    alone = not proof.stands
-    doubt = alone * (1.0 - proof.unlike)  # a smooth law without a name may be behind it
+    alone, unlike = not proof.stands, 1.0 if proof.certain else proof.unlike
+    doubt = alone * (1.0 - unlike)  # a smooth law without a name may be behind it
     even = proof.evenness * float(np.clip(proof.left, 1.0, MOST_LEFT)) ** UNEVEN_LEFT
     removed = max(proof.gain, LEAST_EVIDENCE) / max(1.0 - proof.gain, LEAST_EVIDENCE)
     return {
         "t": float(np.log(max(proof.t, 1.0))),
         "disagreement": float(np.log(min(max(proof.disagreement, 1.0), MOST_DISAGREEMENT))),
         "rival": alone * float(np.clip(proof.rival, 0.0, 1.0)),
-        "gain": alone * proof.unlike * float(np.log(removed)),
+        "gain": alone * unlike * float(np.log(removed)),
         "surpassed": float(proof.surpassed),
         "evenness": doubt * float(np.log(np.clip(even, LEAST_EVENNESS, 1.0))),
     }
@@ -160,7 +164,9 @@ def probability(proof: Evidence) -> float:
 
     The weights come from withheld effects of other seeds than those of the published proof
     (benchmarks/withheld/weights.py); what was hidden there is in the library, so a probability
-    holds as far as the cause is one of the known effects.
+    holds as far as the cause is one of the known effects. An effect that another one outdoes is
+    `UNLIKELY`, one without a rival is right with `SURE_APART` at least, and none is surer than
+    `SUREST`.
 
     Parameters
     ----------
@@ -206,6 +212,6 @@ def cost(fits: Sequence[Fit]) -> float:
     return float(np.mean([f.cost for f in fits]))
 
 
-def lawless(fits: Sequence[Fit]) -> float:
+def left_by_smooth_laws(fits: Sequence[Fit]) -> float:
     """Return what smooth laws of the state leave of that: what follows no law, known or not."""
     return float(np.mean([f.fold.smooth for f in fits]))

@@ -50,7 +50,7 @@ def names_kept(
     laws: Laws | None,
     groups: Sequence[Sequence[Trial]],
     rules: Rules,
-    measured: str = "",
+    sensed: str = "",
 ) -> Kept:
     """Return how many names are kept, and how many of them tell more than a force without a name.
 
@@ -74,7 +74,7 @@ def names_kept(
         What gets each name, or two at once. One that has what no smooth law could have, or stands
         beside one, is not outdone by such a law.
     rules : Rules
-    measured : str
+    sensed : str
         The effect that a further sensor in the law speaks for.
 
     L. Breiman, J. H. Friedman, R. A. Olshen, C. J. Stone, "Classification and Regression Trees",
@@ -111,7 +111,7 @@ def names_kept(
         return not same and _worth(models[0], fewer, more) < -STANDARD_ERRORS
 
     first = [t for group in groups[:1] for t in group]
-    certain = {t.name for group in groups for t in group} & {measured}
+    certain = {t.name for group in groups for t in group} & {sensed}
     if left and left[0].of_place:
         certain |= {t.name for t in first if t.term.of_place}
     least = min(int(any(t.name in certain for t in first)), most)
@@ -122,7 +122,7 @@ def names_kept(
             return True
         if any(better(other, left[k]) for other in left[least:k]):
             return False
-        if least or not outdone(models[0], models[k], left[0], left[k], rules):
+        if least or not outmatched(models[0], models[k], left[0], left[k], rules):
             return True
         return any(map(own, groups[:k]))
 
@@ -169,7 +169,7 @@ def _worth(base: tuple[Fit, ...], plain: Spline, both: Spline) -> float:
     return advantage(base, plain, both)
 
 
-def outdone(
+def outmatched(
     base: tuple[Fit, ...], held: tuple[Fit, ...], plain: Spline, both: Spline, rules: Rules
 ) -> bool:
     """Whether a force without a name explains what names do, and significantly more.

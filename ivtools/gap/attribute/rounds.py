@@ -22,6 +22,7 @@ from ..rules import (
     ADEQUATE,
     ALL_CLOSED,
     AT_FIRST,
+    BEHIND,
     CLEAN,
     DRAWS,
     EQUALLY,
@@ -55,7 +56,7 @@ class Round:
         Per fold, what each block says against each effect that was screened, and that was fitted.
     qualified : tuple of Trial
         What reaches its threshold, and nearly the largest gain of those, which gets the name.
-    measured : str
+    sensed : str
         The effect that a further sensor in the law speaks for: it gets the name where its gain is
         within this `margin` of the largest.
     vain : mapping
@@ -66,7 +67,7 @@ class Round:
     trials: tuple[Trial, ...]
     scores: tuple[Array, ...] = ()
     qualified: tuple[Trial, ...] = ()
-    measured: str = ""
+    sensed: str = ""
     margin: float = 0.0
     vain: dict[str, float] = field(default_factory=dict)
 
@@ -76,9 +77,9 @@ class Round:
         best = max(self.qualified, key=lambda t: t.gain, default=None)
         if best is None:
             return None
-        seen = next((t for t in self.qualified if t.name == self.measured), None)
-        if seen is not None and seen.gain >= (1.0 - self.margin) * best.gain:
-            return seen
+        sensed = next((t for t in self.qualified if t.name == self.sensed), None)
+        if sensed is not None and sensed.gain >= (1.0 - self.margin) * best.gain:
+            return sensed
         equal = [t for t in self.qualified if _equal(t, best, TIE)]
         order = [*EFFECTS, *(t.name for t in equal)]
         return min(equal, key=lambda t: (len(t.term.parameters), order.index(t.name)), default=best)
@@ -134,7 +135,7 @@ class Round:
         much = [t for t in large if t.reaches(rules.everywhere)]
         if self.qualified or not much:
             return self
-        return replace(self, qualified=(max(much, key=lambda t: t.gain),), measured="")
+        return replace(self, qualified=(max(much, key=lambda t: t.gain),), sensed="")
 
     @property
     def removed(self) -> dict[str, float]:
@@ -153,7 +154,8 @@ class Round:
             return set()
         sizes = {**self.gains}
         sizes |= {t.name: max(t.gain, self.gains[t.name]) for t in self.trials}
-        return {n for n, size in sizes.items() if size >= least * sizes[self.best.name]}
+        least *= sizes.get(self.best.name, self.best.gain)
+        return {n for n, size in sizes.items() if size >= least}
 
 
 def _equal(trial: Trial, best: Trial, margin: float) -> bool:
@@ -188,14 +190,14 @@ def play(
     """
     last = rounds[-1].best if rounds else None
     fits, held = (last.fits, last.held) if last else (base, base)
-    if rounds:  # most of what a name leaves is not much
-        rules = replace(rules, thorough=rules.steady)
+    if rounds:
+        rules = rules.later
     if cost(held) < CLEAN:
         rules = rules.at_floor
     found = _screened(sides, fits, terms)
     removed = {n: size for r in rounds for n, size in r.removed.items()}
-    seen = "flexibility" if all(s.scales.second_body for s in sides) else ""
-    tried = _tried(sides, fits, held, found, rules, removed, seen)
+    sensed = next(iter(BEHIND)) if all(s.scales.second_body for s in sides) else ""
+    tried = _tried(sides, fits, held, found, rules, removed, sensed)
     trials = tuple(t for t in tried.values() if t is not None)
     vain = {n: (1.0 - VALLEY_DEPTH) * cost(held) for n, t in tried.items() if t is None}
     similar = set().union(*(r.similar(rules.similar) for r in rounds))
@@ -216,7 +218,8 @@ def play(
         _scores(side.fold, f, [(t.before[i], t.held[i]) for t in trials])
         for i, (side, f) in enumerate(zip(sides, found, strict=True))
     )
-    return Round(_gains(found), trials, scores, qualified, seen, rules.equivalence_open, vain)
+    margin = rules.equivalence_open
+    return Round(_gains(found), trials, scores, qualified, sensed, margin, vain)
 
 
 def _largest(trials: Sequence[Trial], rules: Rules) -> float:
@@ -246,7 +249,7 @@ def _tried(
     found: tuple[dict[str, Score], ...],
     rules: Rules,
     removed: dict[str, float],
-    seen: str = "",
+    sensed: str = "",
 ) -> dict[str, Trial | None]:
     """Fit the best of the screening; None of what has no place to begin.
 
@@ -263,7 +266,7 @@ def _tried(
     lasting = [n for n in gains if not found[0][n].term.of_time]
     first = {*list(gains)[: rules.refit], *lasting[: rules.refit]}
     chosen = [n for n in gains if n in first and gains[n] > least]
-    chosen += [n for n in gains if n == seen and n not in chosen]
+    chosen += [n for n in gains if n == sensed and n not in chosen]
     tried: dict[str, Trial | None] = {}
     explains = replace(rules, worth=0.0)  # what is too little for a name explains the rest too
 
@@ -281,7 +284,7 @@ def _tried(
 
     best = fit(chosen[:AT_FIRST])
     near = RIVAL * min([best, *(gains[t.name] for t in fitted() if t.gain >= best > 0.0)])
-    best = fit([n for n in chosen[AT_FIRST:] if gains[n] > near], best)
+    best = fit([n for n in chosen[AT_FIRST:] if gains[n] > near or n == sensed], best)
     leader = max(fitted(), key=lambda t: t.gain, default=None)
     if leader is not None and leader.term.of_speed and (1.0 - best) * cost(held) > CLEAN:
         # whatever else is there bends the form of such a law: all of them are rivals
@@ -301,7 +304,7 @@ def _tried(
         best = fit(hopeful(bent), best)
     rough, left = max(s.rough for s in sides) > ROUGH, (1.0 - best) * cost(held)
     if rough and left > ADEQUATE and best * cost(held) < ALL_CLOSED * gap:
-        fit(hopeful(valleys - {*chosen}), best)
+        fit(hopeful(valleys), best)
     return tried
 
 

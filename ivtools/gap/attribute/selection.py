@@ -33,7 +33,7 @@ from ..rules import (
     Rules,
 )
 from .attribution import Attribution, Supposed
-from .evidence import cost, evidence, lawless, probability, weigh
+from .evidence import cost, evidence, left_by_smooth_laws, probability, weigh
 from .kept import names_kept
 from .rounds import Round, play
 
@@ -79,8 +79,8 @@ def attribute(
     models = [common(fits) for fits in (base, *(t.held for t in ends))] if ends else []
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
     laws = Laws.of(models[0]) if left else None
-    seen = rounds[0].measured if rounds else ""
-    most, told, certain = names_kept(models, laws, groups, rules, seen)
+    sensed = rounds[0].sensed if rounds else ""
+    most, told, certain = names_kept(models, laws, groups, rules, sensed)
     fits, held = (ends[most - 1].fits, ends[most - 1].held) if most else (base, base)
     won = [t for group in groups[:most] for t in group]
     names = [t.name for t in won]
@@ -180,7 +180,7 @@ def _pair(
         if first.best is not None and first.best.name == name:
             return tried(rounds)
         known = [t for t in first.trials if t.name == name] or tried(earlier, [name]).trials
-        one = replace(first, qualified=tuple(known), measured="")
+        one = replace(first, qualified=tuple(known), sensed="")
         return tried([*earlier, one]) if known else None
 
     assert first.best is not None
@@ -246,7 +246,7 @@ def _beside_others(
         fewer = _without(sides, result.fits, name)
         others = replace(other, fits=fewer, held=frozen(sides, fewer), before=result.base)
         alike = (t.name for t in result._rivals(result._winners[name][0]))
-        before = replace(result.rounds[0], qualified=(others,), measured="")
+        before = replace(result.rounds[0], qualified=(others,), sensed="")
         last = tried([before], [name, *alike])
         anew += [last] if last.best is not None and last.best.name == name else []
     return replace(result, rounds=(*result.rounds, *anew))
@@ -333,7 +333,7 @@ def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:
 
     Much for the noise, or for a gap that is small.
     """
-    rest, floor = cost(held), lawless(base)
+    rest, floor = cost(held), left_by_smooth_laws(base)
     return rest >= min(CLEAN, MORE * floor) or rest - floor > (1.0 - ENOUGH) * (cost(base) - 1.0)
 
 

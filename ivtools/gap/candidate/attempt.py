@@ -107,17 +107,27 @@ def frozen(
         """Return that of one fold."""
         key = fit, own if phases(fit.loop) else None
         if key not in made:
-            made[key] = _retuned(side, fit, own)
+            made[key] = retuned(side, fit, own)
         return made[key]
 
     return tuple(threaded(one, sides, fits[::-1], fits))
 
 
-def _retuned(side: Side, fit: Fit, own: Fit) -> Fit:
+def retuned(side: Side, fit: Fit, own: Fit) -> Fit:
+    """Tune the base parameters on a fold, with the effects of a fit that another one found.
+
+    Parameters
+    ----------
+    side : Side
+    fit : Fit
+        With the effects.
+    own : Fit
+        This fold's own: phases are taken from it, and the first Jacobian.
+    """
     turned = phases(fit.loop)
     base = side.scales.loop.parameters  # as declared, its own effects with it
     free = [n for n in fit.free if n in base or n in turned]
-    start = {**fit.values, **{n: own.values[n] for n in turned}}
+    start = {**fit.values, **{n: own.values[n] for n in turned if n in own.values}}
     step = steps(fit.loop, side.scales)
     smooth = not any(t.search == "valleys" for t in fit.loop.terms)
     near = own if smooth and own.fold is side.fold else None

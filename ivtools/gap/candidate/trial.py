@@ -14,7 +14,7 @@ from ..discrepancy import Laws, a_line, other_waves, smooth_rest, stands, unlike
 from ..fit import Fit, common
 from ..fold import Fold, block_t
 from ..library import Scales
-from ..rules import APART, EXACT, OTHER_WAVE_T, SAME_GAP, UNLIKE_SMOOTH, Rules, Threshold
+from ..rules import AGREES, APART, EXACT, OTHER_WAVE_T, UNLIKE_SMOOTH, Rules, Threshold
 
 Array = NDArray[np.float64]
 
@@ -144,7 +144,7 @@ class Trial:
         return not any(at_bound)
 
     @property
-    def same_gap(self) -> bool:
+    def same_backlash(self) -> bool:
         """Whether the gap before a second mass is as wide on both folds: else it never opens.
 
         A spring looks like a contact that is soft, in a gap of any width that is small.
@@ -152,7 +152,7 @@ class Trial:
         pairs = zip(self.term.names, self.term.parameters, strict=True)
         gaps = [n for n, p in pairs if self.term.second_mass and p.scale == "stroke"]
         sizes = ([fit.values[n] for fit in self.fits] for n in gaps)
-        return all(max(s) <= SAME_GAP * min(s) for s in sizes)
+        return all(max(s) <= AGREES * min(s) for s in sizes)
 
     @property
     def _beyond(self) -> bool:
@@ -230,7 +230,7 @@ class Trial:
     @property
     def meant(self) -> bool:
         """Whether its parameters mean what its name says: none is nothing or at a bound."""
-        return self.acts and self.inside and self.same_gap
+        return self.acts and self.inside and self.same_backlash
 
     @property
     def sound(self) -> bool:

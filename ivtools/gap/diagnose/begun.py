@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -126,6 +127,9 @@ class Begun:
 def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     """Fit the base model and measure the floor; return the diagnosis if the input is refused."""
     say = progress or mute
+    if not 0.0 <= task.tolerance < math.inf:
+        given = f"a tolerance of {task.tolerance} % of the force"
+        raise IVToolsError(f"{given} tells nothing; give a number, 0 or more")
     for one in (r for r in (*task.records, task.judge) if r is not None):
         preflight.require(one)
     say("controller parity")
@@ -143,6 +147,8 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     known = task.inspected
     inspected = _inspected(records, loop) if known is None else known.under(loop)
     checked, found = inspected.checked, list(inspected.found)
+    if task.judge is not None:
+        found += [f for r in records for f in preflight.overlap(r, task.judge, "judge")]
     if any(f.fatal for f in found):
         return refused(record, loop, checked, [*found, *law])
     say("base model and floor")
@@ -222,7 +228,7 @@ def _inspected(records: Sequence[Record], loop: ClosedLoop) -> Inspected:
     if len(records) == 1:
         return Inspected(checked, tuple(seen[0]))
     named = [preflight.named(s, r) for s, r in zip(seen, records, strict=True)]
-    return Inspected(checked, (*named[0], *named[1], *preflight.overlap(*records)))
+    return Inspected(checked, (*named[0], *named[1], *preflight.overlap(records[0], records[1])))
 
 
 def _judging(

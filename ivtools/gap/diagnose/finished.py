@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -49,8 +49,8 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     checked, held_out = tuple(m.parity for m in measured), task.holdout is not None
     (at_controller, values), declared = parity.effects(checked), loop.controller.delay
     places = result.places
-    lowered = _lowered(loop, measured, result, fold, at_controller, held_out, swung)
-    effects, result, shrink, traces, said = lowered
+    outcome = _that_lower(loop, measured, result, fold, (at_controller, values), held_out, swung)
+    effects, result, shrink, traces, said = outcome
     if begun.third is not None:
         shrink = replace(shrink, judged=quantify.judge(loop, begun.third, result))
     before, after = cost(result.base), cost(result.held)
@@ -89,7 +89,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         chi=(before, after),
         name=task.record.name,
         replication=result.replication,
-        replicas=verdict.replicate(effects, result, checked, rules),
+        replicas=verdict.replicate(effects, result, checked),
         evidence=result.evidence,
         probability={e: p for e, p in likely.items() if e in effects},
         traces=traces,
@@ -103,7 +103,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     )
 
 
-class _Lowered(NamedTuple):
+class _Outcome(NamedTuple):
     """What is named, how far the gap shrinks with it, and what is to be said of names that fell."""
 
     effects: tuple[str, ...]
@@ -113,27 +113,28 @@ class _Lowered(NamedTuple):
     said: tuple[Finding, ...] = ()
 
 
-def _lowered(
+def _that_lower(
     loop: ClosedLoop,
     measured: tuple[Measured, ...],
     result: Attribution,
     fold: Fold,
-    at_controller: Sequence[str],
+    shown: tuple[Sequence[str], Mapping[str, Mapping[str, float]]],
     held_out: bool,
     swung: float,
-) -> _Lowered:
+) -> _Outcome:
     """Return the names that lower the force error, by more than links may; if they do not, none."""
+    at_controller, values = shown
     plain, effects = quantify.declared(loop, measured), (*at_controller, *result.named)
     shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
     tried = result.named if measured[-1].driven else effects  # its controller changes nothing
     removed = cost(result.base) - cost(result.held)
     faint = removed * sum(m.floor.surprise for m in measured) < swung
     if not tried or (not faint and verdict.lowers(shrink, not at_controller, removed)):
-        return _Lowered(effects, result, shrink, traces)
-    said = verdict.may_swing(effects) if faint else verdict.no_better(effects, shrink)
+        return _Outcome(effects, result, shrink, traces)
+    said = verdict.may_swing(effects) if faint else verdict.no_better(effects, values, shrink)
     nothing = replace(result, fits=result.base, held=result.base, named=())
     again = quantify.how_far(plain, measured, nothing, fold, held_out)
-    return _Lowered((), nothing, *again, (said,))
+    return _Outcome((), nothing, *again, (said,))
 
 
 def _whole(m: Measured, result: Attribution) -> Fit:

@@ -5,11 +5,14 @@ On both, on one of them alone, or on what is left of them without the stretches 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
+from ...loop import ClosedLoop
+from .. import parity, quantify
 from ..attribute import Attribution, attribute, upheld
-from ..candidate import frozen
+from ..candidate import retuned
 from ..floor import Measured, folds
 from ..fold import Fold
 from ..library import library
@@ -36,16 +39,16 @@ class Named(NamedTuple):
 
 
 def named(begun: Begun) -> Named:
-    """Attribute; if nothing qualifies, once more without the stretches that stand out.
+    """Attribute; if nothing is named, once more without the stretches that stand out.
 
-    What qualifies with them and gets no name falls to a force without one, which they are not.
+    Not where what qualifies with them falls to a force without a name: they are no such force.
     """
     measured, (sides, base), asked = begun.measured, begun.folds, begun.task
     more = (begun.rules, tuple(asked.extra), tuple(asked.without))
     result = attribute(sides, base, *more)
     if not result.named and (alone := _alone(begun, result)) is not None:
         return alone
-    fell = any(r.qualified for r in result.rounds)
+    fell = any(r.qualified for r in result.rounds) and not result.full
     if begun.eventful and not (result.named or fell):
         measured, whole = begun.calm, (sides, base)
         sides, base = begun.calm_folds
@@ -54,48 +57,82 @@ def named(begun: Begun) -> Named:
     return Named(begun, (measured if len(measured) == 2 else sides)[-1].fold, result)
 
 
-def _alone(begun: Begun, both: Attribution) -> Named | None:
-    """Return what one of two records shows by itself, the clearer one first.
+class _Way(NamedTuple):
+    """A way in which one of two records may show something by itself.
 
-    A load may rattle in one of two motions only, or at other moments in each, so that nothing
-    replicates between them: alternating stretches of one record tell it from what came once, if a
-    second mass that was looked for in both explained something of that record by itself. So
-    may any effect that the other motion does not show: then it changes nothing there, and the model
-    of that record is as good with it as without.
+    Attributes
+    ----------
+    where, why : str
+        What judges, and what keeps the other record from it.
+    known : tuple of str
+        Effects that its command shows without simulation.
+    without : tuple of str
+        Effects that are not looked for.
+    hidden : bool
+        Whether the other record must be as good with what is found as without.
     """
+
+    where: str
+    why: str
+    known: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+    hidden: bool = False
+
+
+def _ways(begun: Begun, both: Attribution, k: int) -> Iterator[_Way]:
+    """Yield the ways in which the k-th record may show something by itself.
+
+    Its command shows a limit that changes nothing in the other one. A load may rattle in one of two
+    motions only, or at other moments in each, so that nothing replicates between them: alternating
+    stretches of one record tell it from what came once, if a second mass that was looked for in
+    both explained something of that record by itself. So may any effect that the other motion does
+    not show.
+    """
+    one, other = begun.measured[k], begun.measured[1 - k]
+    name, unmoved = one.fold.record.name, other.fold.record.name
+    if one.parity.limit is not None and _limits(begun.loop, one) and not _limits(begun.loop, other):
+        at_limit = tuple(parity.effects((one.parity,))[0])
+        yield _Way(name, f"the command of {unmoved} hardly reaches its limit", at_limit)
+    silent = other.base.cost < ADEQUATE
+    if one.base.cost < ALONE or not (silent or begun.eventful):
+        return
+    if any(t.term.second_mass and t.explained[k] > RATTLES for t in both.trials):
+        terms = library(begun.loop, tuple(begun.task.extra))
+        others = tuple(t.name for t in terms if not t.second_mass)
+        why = "nothing replicates between the records"
+        yield _Way(f"stretches of {name}", why, without=others)
+    if silent and one.fold.link is None:
+        yield _Way(name, f"the motion of {unmoved} does not show it", hidden=True)
+
+
+def _alone(begun: Begun, both: Attribution) -> Named | None:
+    """Return what one of two records shows by itself, the clearer one first."""
     task, pair = begun.task, begun.measured
     if len(pair) < 2:
         return None
-    extra = tuple(task.extra)
-    others = tuple(t.name for t in library(begun.loop, extra) if not t.second_mass)
     for k in sorted(range(2), key=lambda k: -pair[k].base.cost):
-        one, other = pair[k], pair[1 - k]
-        silent = other.base.cost < ADEQUATE
-        if one.base.cost < ALONE or not (silent or any(m.floor.isolated for m in pair)):
-            continue
-        name, unmoved = one.fold.record.name, other.fold.record.name
-        ways, out = [], tuple(task.without)
-        if any(t.term.second_mass and t.explained[k] > RATTLES for t in both.trials):
-            but = "nothing replicates between the records"
-            ways.append((f"stretches of {name}", but, (*out, *others), False))
-        if silent and one.fold.link is None:
-            ways.append((name, f"the motion of {unmoved} does not show it", out, True))
-        for where, but, left_out, hidden in ways:
-            sides, base = folds((one,))
-            result = attribute(sides, base, begun.rules, extra, left_out)
-            if not result.named or (hidden and not _hidden(other, result)):
+        own = replace(pair[k], floor=replace(pair[k].floor, between=None))  # the effect differs
+        for way in _ways(begun, both, k):
+            sides, base = folds((own,))
+            without = (*task.without, *way.without)
+            result = attribute(sides, base, begun.rules, tuple(task.extra), without)
+            effects = (*way.known, *result.named)
+            if not effects or (way.hidden and not _hidden(pair[1 - k], result)):
                 continue
-            who = f"judged on {where} alone"
-            said = f"{', '.join(result.named)}: {who}, {but}; record one motion twice to be sure"
-            single = replace(task, record=one.fold.record, holdout=None)
-            own = replace(one, floor=replace(one.floor, between=None))  # they differ by the effect
+            who = f"judged on {way.where} alone, {way.why}"
+            said = f"{', '.join(effects)}: {who}; record one motion twice to be sure"
+            single = replace(task, record=own.fold.record, holdout=None)
             found = [*begun.found, Finding(said, fatal=False)]
             alone = replace(begun, task=single, measured=(own,), found=found)
             return Named(alone, sides[-1].fold, result)
     return None
 
 
+def _limits(loop: ClosedLoop, one: Measured) -> bool:
+    """Whether what was put right of the controller lowers the force error of a record."""
+    return quantify.declared(loop, (one,)).force_rms > one.base.force_rms
+
+
 def _hidden(other: Measured, result: Attribution) -> bool:
     """Whether a record that shows no gap shows none with the effects of another one either."""
-    sides = (other.side, other.side)
-    return frozen(sides, (other.base, result.fits[0]))[0].cost < ADEQUATE
+    return retuned(other.side, result.fits[0], other.base).cost < ADEQUATE

@@ -74,7 +74,9 @@ def diagnose(
     Raises
     ------
     RecordError
-        If a record has no reference, or several joints.
+        If a record has no reference, or several joints, or a simulator is to have a judge.
+    IVToolsError
+        If the tolerance is negative or no number.
 
     Examples
     --------
@@ -94,13 +96,14 @@ def diagnose(
         """Diagnose one record beside another; without names or descriptions where asked."""
         whole = simulated is not None
         kept = rules if named else replace(rules or Rules(), most=0)
-        third = None if whole else judge  # of the axis itself, not of a difference
         asked = (tolerance, kept, extra, without, links)
-        task = Task(one, loop, other, third, *asked, whole=whole, described=described)
+        task = Task(one, loop, other, judge, *asked, whole=whole, described=described)
         return finish(begin(task, progress), progress)
 
     if simulated is None:
         return found(record, holdout)
+    if judge is not None:
+        raise RecordError("a judge tells of a model of this toolkit; leave it out with simulated")
     if not isinstance(simulated, Simulator):
         logs = (simulated, simulated_holdout)
         return against(record, loop, holdout, *logs, found, rules or Rules())

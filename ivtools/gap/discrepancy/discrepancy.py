@@ -29,7 +29,7 @@ from .. import spatial_lines
 from ..fit import Fit, normal
 from ..fold import block_t
 from ..rules import (
-    AS_LARGE,
+    AGREES,
     COOLING,
     DISCREPANCY_MOST,
     DISCREPANCY_SIZE,
@@ -332,7 +332,7 @@ def stands(before: Sequence[Fit], held: Sequence[Fit], laws: Laws | None) -> boo
     """
     found = beside_law(before, held, laws)
     return bool(found) and all(
-        own > UNSHARED and 1.0 / AS_LARGE <= size <= AS_LARGE for own, size in found
+        own > UNSHARED and 1.0 / AGREES <= size <= AGREES for own, size in found
     )
 
 

@@ -269,15 +269,15 @@ def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
     return []
 
 
-def overlap(record: Record, holdout: Record) -> list[Finding]:
-    """Return what a hold-out has in common with the record that it should not."""
-    share = _shared(record, holdout)
+def overlap(record: Record, other: Record, role: str = "hold-out") -> list[Finding]:
+    """Return what a hold-out, or a judge, has in common with a record that it should not."""
+    share, said = _shared(record, other), f"the {role} {other.name}"
     if share > SAME_RECORD:
-        text = f"the hold-out {holdout.name} holds the same samples as {record.name}"
+        text = f"{said} holds the same samples as {record.name}"
         return [Finding(f"{text}; give another record of the axis, or none")]
     if share > OVERLAP:
-        text = f"the hold-out {holdout.name} shares {100 * share:.0f} % of its samples with "
-        return [Finding(f"{text}{record.name}; give a record that was not fitted to")]
+        text = f"{said} shares {100 * share:.0f} % of its samples with {record.name}"
+        return [Finding(f"{text}; give a record that was not fitted to")]
     return []
 
 

@@ -17,8 +17,8 @@ from scipy import signal
 from ...loop import ClosedLoop
 from ...record import Record
 from ..rules import (
+    AGREES,
     HANGS,
-    HANGS_ALIKE,
     LARGEST_EDGE,
     LEAST_SWINGS,
     SWING_EDGE,
@@ -78,7 +78,7 @@ def hanging(record: Record, loop: ClosedLoop) -> Hanging | None:
     rest = [float(np.sum((a[p] - X[p, :-2] @ f) ** 2)) for p, f in zip(parts, plain, strict=True)]
     removed = min(1.0 - one / max(two, 1e-300) for one, two in zip(left, rest, strict=True))
     sizes = [float(np.hypot(*f[-2:])) for f in fits]
-    if removed < HANGS or max(sizes) > HANGS_ALIKE * min(sizes):
+    if removed < HANGS or max(sizes) > AGREES * min(sizes):
         return None
     direct = np.linalg.lstsq(X, a, rcond=None)[0]
     force, others = X[:, 0], np.column_stack([a, X[:, 1:]])

@@ -221,11 +221,26 @@ def lowers(shrink: Shrink, simulated: bool, removed: float) -> bool:
     return shrink.after < (1.0 - least) * shrink.before
 
 
-def no_better(effects: Sequence[str], shrink: Shrink) -> Finding:
-    """Return what to say of effects that do not lower the force error."""
-    values = f"{shrink.before:.4g} to {shrink.after:.4g} {shrink.unit}"
-    text = f"with {', '.join(effects)} in the model the held-out force error goes from {values}"
-    return Finding(f"{text}, which is too little: nothing is named", fatal=False)
+def no_better(
+    effects: Sequence[str], values: Mapping[str, Mapping[str, float]], shrink: Shrink
+) -> Finding:
+    """Return what to say of effects that do not lower the force error, with what is known of them.
+
+    Parameters
+    ----------
+    effects : sequence of str
+    values : mapping of str to mapping
+        Parameters of those that the controller shows.
+    shrink : Shrink
+        With them.
+    """
+    told = {e: ", ".join(f"{k} {v:.4g}" for k, v in values.get(e, {}).items()) for e in effects}
+    names = ", ".join(f"{e} ({known})" if known else e for e, known in told.items())
+    errors = [quantity(x, shrink.unit) for x in (shrink.before, shrink.after)]
+    text = f"with {names} in the model the held-out force error goes from {' to '.join(errors)}"
+    rises = shrink.after > shrink.before
+    why = "which is a rise" if rises else "which is too little"
+    return Finding(f"{text}, {why}: nothing is named", fatal=False)
 
 
 def may_swing(effects: Sequence[str]) -> Finding:

@@ -15,7 +15,7 @@ from ..candidate import phases
 from ..discrepancy import beside
 from ..fit import Fit, of_effect
 from ..parity import Parity
-from ..rules import Rules
+from ..rules import AGREES
 from ..screen import unit_force
 
 Array = NDArray[np.float64]
@@ -86,7 +86,6 @@ def replicas(
     values: tuple[Mapping[str, float], Mapping[str, float]],
     loop: ClosedLoop,
     checked: Sequence[Parity],
-    rules: Rules,
     made: Mapping[str, Array] | None = None,
 ) -> tuple[Replica, ...]:
     """Compare the named effects between the sides.
@@ -102,7 +101,6 @@ def replicas(
         With the effects that were fitted.
     checked : sequence of Parity
         Of each record.
-    rules : Rules
     made : mapping of str to ndarray, (n_samples,), optional
         What one unit of a parameter does along a record: sizes of several are compared by what they
         do together, for of two that trade with each other either may have more.
@@ -111,9 +109,9 @@ def replicas(
     for effect in effects:
         own = [n for n in loop.parameters if n.startswith(f"{effect}.")]
         if own:
-            found.append(_fitted(effect, sides, values, loop, own, rules, made or {}))
+            found.append(_fitted(effect, sides, values, loop, own, made or {}))
         elif len(checked) == 2:
-            found.append(_controller(effect, sides, checked, rules))
+            found.append(_controller(effect, sides, checked))
     return tuple(found)
 
 
@@ -123,7 +121,6 @@ def _fitted(
     values: tuple[Mapping[str, float], Mapping[str, float]],
     loop: ClosedLoop,
     names: list[str],
-    rules: Rules,
     made: Mapping[str, Array],
 ) -> Replica:
     pairs = {n: (values[0][n], values[1][n]) for n in names if not loop.parameters[n].nuisance}
@@ -133,12 +130,15 @@ def _fitted(
         size = f"{effect}.amplitude"
         pairs, units = _without_phase(pairs, turned, size), {**units, size: units[turned[0]]}
     pairs = {n: p for n, p in pairs.items() if p != (0.0, 0.0)}
+    either = next(t.search for t in loop.terms if t.name == effect) == "either"
+    if either and len(pairs) > 1:  # of which one side may have taken the one, and one the other
+        pairs, units = _summed(pairs), {" + ".join(pairs): units[min(pairs)]}
     sizes = [n for n in pairs if n.endswith(".amplitude") or _linear(loop, n)] or list(pairs)
     x = np.array([pairs[n] for n in sizes]).reshape(-1, 2)
     known = bool(sizes) and made.keys() >= {*sizes}
     does = np.column_stack([made[n] for n in sizes]) @ x if known else _relative(x)
-    agree = _agree(does, rules) if sizes else None
-    short = {n: n.partition(".")[2] for n in pairs}
+    agree = _agree(does) if sizes else None
+    short = {n: n.replace(f"{effect}.", "") for n in pairs}
     return Replica(
         effect,
         sides,
@@ -150,6 +150,12 @@ def _fitted(
 
 def _linear(loop: ClosedLoop, name: str) -> bool:
     return name in loop.parameters and bool(loop.parameters[name].linear)
+
+
+def _summed(pairs: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """Return the sum, on both sides, of what does nearly the same, as a delay and a lag."""
+    one, two = (sum(p[i] for p in pairs.values()) for i in (0, 1))
+    return {" + ".join(pairs): (one, two)}
 
 
 def _without_phase(
@@ -165,16 +171,14 @@ def _relative(x: Array) -> Array:
     return np.asarray(x / np.maximum(np.max(np.abs(x), axis=-1, keepdims=True), 1e-300))
 
 
-def _agree(x: Array, rules: Rules) -> bool:
+def _agree(x: Array) -> bool:
     """Whether two sides (n, 2) point the same way and are of similar size."""
     dot = float(x[:, 0] @ x[:, 1])
     ratios = [dot / max(float(x[:, i] @ x[:, i]), 1e-300) for i in (0, 1)]
-    return bool(1.0 / rules.other.agreement <= min(ratios) and max(ratios) <= rules.other.agreement)
+    return bool(min(ratios) >= 1.0 / AGREES and max(ratios) <= AGREES)
 
 
-def _controller(
-    effect: str, sides: tuple[str, str], checked: Sequence[Parity], rules: Rules
-) -> Replica:
+def _controller(effect: str, sides: tuple[str, str], checked: Sequence[Parity]) -> Replica:
     """Compare what the controllers of two records show."""
     if effect == "saturation":
         values: dict[str, Pair] = {"limit": (checked[0].limit, checked[1].limit)}
@@ -184,20 +188,20 @@ def _controller(
     both = np.array(
         [[float(v) for v in p if v is not None] for p in values.values() if None not in p]
     )
-    agree = _agree(_relative(both), rules) if len(both) else None
+    agree = _agree(_relative(both)) if len(both) else None
     absolute = ("limit", "law.", "feed")  # what is no relative error
     units = {n: "" if n.startswith(absolute) else "%" for n in values}
     return Replica(effect, sides, values, units, agree)
 
 
 def replicate(
-    effects: tuple[str, ...], result: Attribution, checked: tuple[Parity, ...], rules: Rules
+    effects: tuple[str, ...], result: Attribution, checked: tuple[Parity, ...]
 ) -> tuple[Replica, ...]:
     """Return, per named effect, whether the sides agree."""
     one, two = result.fits
     sides = (one.fold.label, two.fold.label)
     values = (one.values, two.values)
-    return replicas(effects, sides, values, one.loop, checked, rules, _made(one, result.base[0]))
+    return replicas(effects, sides, values, one.loop, checked, _made(one, result.base[0]))
 
 
 def _made(fit: Fit, base: Fit) -> dict[str, Array]:
