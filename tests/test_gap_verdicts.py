@@ -11,6 +11,7 @@ from scipy import signal
 
 import ivtools as iv
 from benchmarks import moves
+from ivtools.errors import IVToolsError, RecordError
 from ivtools.gap.attribute.kept import names_kept, outmatched
 from ivtools.gap.discrepancy import Basis, Columns, Spline
 from ivtools.gap.preflight import overlap, told_apart
@@ -82,6 +83,56 @@ def test_the_gap_is_said_in_newtons_and_per_cent_of_the_force(judged):
     assert gap["unit"] == "N" and gap["before"] == judged.shrink.before
     assert gap["percent_of_force"] == pytest.approx(100 * gap["before"] / judged.shrink.force)
     assert "% of the force" in judged.summary()
+
+
+def test_a_judge_that_speaks_against_the_names_is_in_the_verdict(judged):
+    assert "larger than before" not in judged.why
+    worse = replace(judged.shrink.judged, after=2.0 * judged.shrink.judged.before)
+    against = replace(judged, shrink=replace(judged.shrink, judged=worse))
+    assert f"on {worse.record}, which only judges, the error is larger than before" in against.why
+    assert against.why in " ".join(against.summary().split())
+    most = 2.0 * judged.shrink.before
+    frozen = replace(judged.shrink, after_frozen=most, interval_frozen=(0.9 * most, 1.1 * most))
+    handed = replace(judged, shrink=frozen)
+    assert "base parameters the error is larger than before" in handed.why
+
+
+def test_a_judge_takes_part_in_nothing():
+    loop = iv.axes.emps()
+    one, two = record(6, loop), record(7, loop)
+    assert "holds the same samples" in iv.diagnose(one, loop, two, judge=two).summary()
+    with pytest.raises(RecordError, match="leave it out with simulated"):
+        iv.diagnose(one, loop, simulated=two, judge=two)
+
+
+@pytest.mark.parametrize("tolerance", [-1.0, np.nan, np.inf])
+def test_a_tolerance_is_a_number_from_0_on(tolerance):
+    loop = iv.axes.emps()
+    with pytest.raises(IVToolsError, match="give a number, 0 or more"):
+        iv.diagnose(record(6, loop), loop, tolerance=tolerance)
+
+
+def test_where_nothing_is_named_nothing_is_closed():
+    loop = iv.axes.emps()
+    gap = iv.diagnose(record(6, loop), loop, record(7, loop))
+    assert gap.verdict == "adequate" and gap.shrink.after <= gap.shrink.before
+    assert "closed" not in gap.summary() and "first record's base parameters" in gap.summary()
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_limit_that_one_record_hardly_meets_is_judged_on_the_other(turned):
+    loop = iv.axes.emps()
+    theta = loop.values(BASE)
+    fast, slow = record(31), moves.record(loop, theta, SECONDS, 32, (0.0, 0.004))
+    limit = 1.02 * float(np.max(np.abs(slow.nu)))
+    assert limit < 0.6 * float(np.max(np.abs(fast.nu)))
+    limited = replace(loop, controller=replace(loop.controller, limit=limit))
+    cut = moves.record(limited, theta, SECONDS, 31)
+    pair = (slow, cut) if turned else (cut, slow)
+    gap = iv.diagnose(pair[0], loop, pair[1])
+    assert gap.effects == ("saturation",) and gap.verdict == "explained"
+    assert gap.shrink.after < 0.8 * gap.shrink.before
+    assert gap.parameters["saturation"]["limit"] == pytest.approx(limit, rel=1e-3)
 
 
 def test_a_gap_below_the_tolerance_is_negligible_in_words():

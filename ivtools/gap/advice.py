@@ -108,14 +108,15 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
     text = max(better, key=lambda t: better[t])
     if better[text] < max(BETTER_MOTION * now, TELLS_LEAST):
         return (
-            f"no motion that was tried tells {name} from {other} much better (here they share "
-            f"{100 * (1 - now**2):.0f} % of their signature); a still longer stroke or a sensor at "
-            "another place may"
+            f"no motion that was tried tells {name} from {other} much better (here they have "
+            f"{100 * (1 - now**2):.0f} % of what they do to the command in common); a still longer "
+            "stroke or a sensor at another place may"
         )
+    grows = f"{100 * now:.0f} % to {100 * better[text]:.0f} %"
     return (
-        f"to tell {name} from {other}: {text}; the part of the signature that the other one cannot "
-        f"mimic grows from {100 * now:.0f} % to {100 * better[text]:.0f} %; ivtools excite "
-        f"--kind {MADE_BY[text]} makes such a reference"
+        f"to tell {name} from {other}: {text}; the part of what it does to the command that the "
+        f"other one cannot imitate grows from {grows}; ivtools excite --kind {MADE_BY[text]} makes "
+        "such a reference"
     )
 
 
@@ -163,6 +164,11 @@ def motions(result: Attribution) -> list[str]:
     return lines
 
 
+def _percent(share: float) -> str:
+    """Return a share in per cent, with two digits."""
+    return f"{100.0 * share:.0f} %" if share > 1.0 else f"{100.0 * share:.2g} %"
+
+
 def remarks(
     loop: ClosedLoop,
     measured: tuple[Measured, ...],
@@ -183,8 +189,9 @@ def remarks(
         if p.delay != loop.controller.delay:
             lines.append(
                 f"{name}: the recorded command follows the measured position by {p.delay} samples, "
-                f"the axis file says {loop.controller.delay}; parity error {100 * p.before:.2g} % "
-                f"-> {100 * p.after:.2g} %"
+                f"the axis file says {loop.controller.delay}; with that the control law, fed with "
+                f"what was measured, is off the command by {_percent(p.after)}, not by "
+                f"{_percent(p.before)}"
             )
         if "added" in p.mismatch:
             lines.append(

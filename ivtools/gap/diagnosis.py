@@ -21,9 +21,9 @@ from .floor import Floor
 from .locate import Region
 from .parity import Parity
 from .preflight import Finding
-from .quantify import Shrink, Traces, within
+from .quantify import Shrink, Traces
 from .rules import CORRECTED, EXPLAINED, NOTHING_ALONE, TOLERANCE
-from .verdict import VERDICTS, Ranked, Replica, Setting
+from .verdict import SCREENED, VERDICTS, Ranked, Replica, Setting
 
 if TYPE_CHECKING:
     from ..report import Page
@@ -174,8 +174,9 @@ class Diagnosis(Displayed):
             )
             for r in self.ranking[:8]
         ]
+        notes = [SCREENED] if any(not r.held_out for r in self.ranking[:8]) else []
         name = self.name if len(self.name) <= 60 else f"{self.name[:30]}~{self.name[-29:]}"
-        return table(f"Diagnosis of {name}", self._lines(), header, rows, self._notes())
+        return table(f"Diagnosis of {name}", self._lines(), header, rows, [*notes, *self._notes()])
 
     def _gap(self) -> dict[str, float | str] | None:
         """Return the gap in units of force and in per cent of it."""
@@ -210,7 +211,7 @@ class Diagnosis(Displayed):
         if s is None:
             return ""
         percent = f"{s.of_force(s.before):.2g} % of the force"
-        text = f"{quantity(s.before, s.unit, 3)} rms, {percent}"
+        text = f"{s.shown(s.before)} rms, {percent}"
         if not self.negligible:
             return text
         all_of_it = s.before < 0.01 * self.tolerance * s.force
@@ -232,7 +233,7 @@ class Diagnosis(Displayed):
         if self.verdict == "explained" and s.closed < EXPLAINED:
             left = f"{s.of_force(s.remainder):.2g} % of the force"
             said = f"the named effects close the gap to {left} above the floor, which is negligible"
-        if self.effects and s.after_frozen > s.before:
+        if self.effects and s.interval_frozen[0] > s.before:
             said += "; with the first record's base parameters the error is larger than before"
         if s.judged is not None and s.judged.after > s.judged.before:
             said += f"; on {s.judged.record}, which only judges, the error is larger than before"
@@ -275,18 +276,16 @@ class Diagnosis(Displayed):
         s = self.shrink
         if s is None:
             return []
-        before, floor = quantity(s.before, s.unit, 3), quantity(s.floor, s.unit, 3)
-        text = within(s.after, s.unit, s.interval)
-        text = text if s.after == s.before else f"{before} -> {text}"
-        text = f"force error: {text}; floor, which no model could go below: {floor}"
+        text = s.shown(s.after, s.interval)
+        text = text if s.after == s.before else f"{s.shown(s.before)} -> {text}"
+        text = f"force error: {text}; floor, which no model could go below: {s.shown(s.floor)}"
         if self.effects:
             text += f"; closed {round(100 * s.closed)} % of what is above it"
         lines = _wrapped(text, "  ")
         if s.corrected < CORRECTED * s.before:
-            put_right = quantity(s.corrected, s.unit, 3)
-            lines.append(f"  of which the controller, put right: {put_right}")
+            lines.append(f"  of which the controller, put right: {s.shown(s.corrected)}")
         if s.held_out:
-            frozen = within(s.after_frozen, s.unit, s.interval_frozen)
+            frozen = s.shown(s.after_frozen, s.interval_frozen)
             lines.append(f"  with the first record's base parameters: {frozen}")
         if s.judged is not None:
             lines += _wrapped(s.judged.said(s.unit), "  ")

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from ..tables import Text, sentence, table
 from ..units import JOINTS, quantity
-from .quantify import within
 from .rules import CORRECTED
 from .simulator import changes_table
+from .verdict import SCREENED
 
 if TYPE_CHECKING:
     from ..report import Card, Page
@@ -158,18 +158,16 @@ def _card(diagnosis: Diagnosis) -> Card:
     if s is not None and not facts:
         facts = [("Effects", "none is named")]
     if s is not None:
-        after = f" → {quantity(s.after, s.unit, 3)}" if s.after != s.before else ""
+        after = f" → {s.shown(s.after)}" if s.after != s.before else ""
         if diagnosis.negligible:
             facts.append(("Gap", diagnosis.size))
         share = f"{_percent(s.of_force(s.before))} %"
         share += f" → {_percent(s.of_force(s.after))} %" if after else ""
-        facts.append(
-            ("Force error, rms", f"{quantity(s.before, s.unit, 3)}{after}; {share} of the force")
-        )
+        facts.append(("Force error, rms", f"{s.shown(s.before)}{after}; {share} of the force"))
         if s.held_out:
-            frozen = quantity(s.after_frozen, s.unit, 3)
+            frozen = s.shown(s.after_frozen)
             facts.append(("With the first record's base parameters", frozen))
-        facts.append(("Floor", quantity(s.floor, s.unit, 3)))
+        facts.append(("Floor", s.shown(s.floor)))
     verdict = f"{diagnosis.verdict.capitalize()}: {diagnosis.why}."
     tone = _TONES.get(diagnosis.verdict, "doubt")
     if s is None and facts:
@@ -231,9 +229,9 @@ def gap_text(diagnosis: Diagnosis) -> list[str]:
     if s is None:
         return ["Nothing was simulated: the record or the axis file must be looked at first."]
     judge = "another record" if s.held_out else "stretches of the record that they were not fitted"
-    floor = quantity(s.floor, s.unit, 3)
+    floor = s.shown(s.floor)
     text = (
-        f"The simulated force is {quantity(s.before, s.unit, 3)} rms off the measured one, "
+        f"The simulated force is {s.shown(s.before)} rms off the measured one, "
         f"{_percent(s.of_force(s.before))} % of the force"
     )
     text = f"Negligible: {text[0].lower()}{text[1:]}" if diagnosis.negligible else text
@@ -241,7 +239,7 @@ def gap_text(diagnosis: Diagnosis) -> list[str]:
         told = f"{text}; the floor, which no model could go below, is {floor}."
         return [f"{told}{_handed_over(s)}"]
     return [
-        f"{text},{_controller(s)} and {within(s.after, s.unit, s.interval)} (95 % interval) with "
+        f"{text},{_controller(s)} and {s.shown(s.after, s.interval)} (95 % interval) with "
         f"the named effects, judged on {judge}{'' if s.held_out else ' to'}. The floor is {floor}, "
         f"so {round(100 * s.closed)} % of what a model can close is closed.{_handed_over(s)}"
     ]
@@ -251,7 +249,7 @@ def _handed_over(s: Shrink) -> str:
     """Return what the model leaves that is handed over, its base parameters not tuned again."""
     if not s.held_out:
         return ""
-    frozen = within(s.after_frozen, s.unit, s.interval_frozen)
+    frozen = s.shown(s.after_frozen, s.interval_frozen)
     return f" With the first record's base parameters it is {frozen}."
 
 
@@ -273,7 +271,7 @@ def _controller(s: Shrink) -> str:
     """Return what putting the controller right is worth."""
     if s.corrected >= CORRECTED * s.before:
         return ""
-    return f" {quantity(s.corrected, s.unit, 3)} with the controller put right,"
+    return f" {s.shown(s.corrected)} with the controller put right,"
 
 
 def named_table(diagnosis: Diagnosis) -> Text:
@@ -305,7 +303,8 @@ def ranking_table(diagnosis: Diagnosis) -> Text:
         [r.effect, f"{100 * r.closed:.0f} %", "-" if r.effect in diagnosis.later else r.chance]
         for r in diagnosis.ranking[:8]
     ]
-    return table("Ranking", [], ["effect", "closes by itself", "p value"], rows)
+    told = [SCREENED] if any(not r.held_out for r in diagnosis.ranking[:8]) else []
+    return table("Ranking", told, ["effect", "closes by itself", "p value"], rows)
 
 
 def _signals(diagnosis: Diagnosis) -> Text:
@@ -314,7 +313,7 @@ def _signals(diagnosis: Diagnosis) -> Text:
     assert s is not None
     length = JOINTS[diagnosis.loop.joint].length
     units = {"position": length, "velocity": f"{length}/s", "acceleration": f"{length}/s²"}
-    rows = [["force", quantity(s.before, s.unit, 3), quantity(s.after, s.unit, 3)]]
+    rows = [["force", s.shown(s.before), s.shown(s.after)]]
     for name, (before, after) in s.signals.items():
         rows.append([name, quantity(before, units[name], 3), quantity(after, units[name], 3)])
     header = ["signal", "before", "after"]

@@ -10,7 +10,7 @@ from scipy import signal, stats
 
 from ..loop import ClosedLoop
 from ..record import Record
-from ..units import JOINTS, prefixed, quantity
+from ..units import JOINTS, prefixed
 from .attribute import Attribution
 from .candidate import phases
 from .fit import Fit, gauss_newton, steps
@@ -21,15 +21,22 @@ from .rules import ADEQUATE_NAMED, ALL_LEFT, CONFIDENCE, LEAST_BLOCKS, RETUNED
 Array = NDArray[np.float64]
 
 
-def within(error: float, unit: str, interval: tuple[float, float]) -> str:
-    """Return an error and its interval, for people.
+def shown(
+    error: float, unit: str, interval: tuple[float, float] | None = None, like: float = np.nan
+) -> str:
+    """Return an error for people, perhaps with its interval, in the prefix of another one.
 
-    >>> within(1.234, "N", (1.1, 1.4)), within(0.00234, "N m", (0.002, 0.0031))
-    ('1.23 N [1.1, 1.4]', '2.34 mN m [2, 3.1]')
+    Examples
+    --------
+    >>> shown(1.234, "N", (1.1, 1.4)), shown(0.109, "N m", like=0.055)
+    ('1.23 N [1.1, 1.4]', '109 mN m')
     """
-    factor, shown = prefixed(error, unit)
-    size, low, high = (factor * x for x in (error, *interval))
-    return f"{size:.3g} {shown} [{low:.3g}, {high:.3g}]"
+    if not np.isfinite(error):
+        return "none, the simulation diverges"
+    factor, unit = prefixed(like if np.isfinite(like) else error, unit)
+    text = f"{factor * error:.3g} {unit}"
+    low, high = (factor * x for x in interval or (0.0, 0.0))
+    return text if interval is None else f"{text} [{low:.3g}, {high:.3g}]"
 
 
 @dataclass(frozen=True)
@@ -54,10 +61,11 @@ class Judged:
 
     def said(self, unit: str) -> str:
         """Return the errors, N or N m, as a sentence."""
+        frozen = shown(self.after_frozen, unit, self.interval_frozen, self.after)
         return (
-            f"on {self.record}, which only judges: {quantity(self.before, unit, 3)} -> "
-            f"{within(self.after, unit, self.interval)}; with the first record's base parameters: "
-            f"{within(self.after_frozen, unit, self.interval_frozen)}"
+            f"on {self.record}, which only judges: {shown(self.before, unit, like=self.after)} -> "
+            f"{shown(self.after, unit, self.interval)}; with the first record's base parameters: "
+            f"{frozen}"
         )
 
 
@@ -132,6 +140,10 @@ class Shrink:
     def of_force(self, error: float) -> float:
         """Return an error in per cent of the measured force."""
         return 100.0 * error / max(self.force, 1e-300)
+
+    def shown(self, error: float, interval: tuple[float, float] | None = None) -> str:
+        """Return one of the errors for people, all of them with one prefix."""
+        return shown(error, self.unit, interval, self.after)
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the shrink."""

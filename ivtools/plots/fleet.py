@@ -54,7 +54,7 @@ def fleet(result: Fleet) -> Sheet:
 
 
 def _columns(result: Fleet) -> list[str]:
-    """Return the effects to show: the named ones, then those not told from them."""
+    """Return the effects to show: the named ones, then those that cannot be told from them."""
     named = Counter(e for entry in result for e in entry.effects)
     twins = Counter(t for entry in result for t in _twins(entry) if t not in named)
     return [name for name, _ in (*named.most_common(), *twins.most_common())][:_EFFECTS]
@@ -124,7 +124,7 @@ def _errors(axes: Axes, result: Fleet) -> None:
 def _keys() -> list[Patch | Line2D]:
     return [
         Patch(color=_AFTER, label="named"),
-        Patch(color=_TWIN, label="not told from it"),
+        Patch(color=_TWIN, label="cannot be told from it"),
         Patch(color=_NOTHING, label="not named"),
         _mark(_BEFORE, "o", 3.2, "before"),
         _mark(_AFTER, "o", 3.2, "after, with 95 % interval"),

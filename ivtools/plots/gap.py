@@ -156,8 +156,8 @@ WHICH: tuple[Drawn, ...] = (
     (
         "which",
         which,
-        "Share of the reducible gap that each effect closes alone, on held-out data; hatched "
-        "where it is the screening's estimate.",
+        "Share of the reducible gap that each effect closes by itself, on held-out data; hatched "
+        "where it is estimated to first order.",
     ),
 )
 HOW_FAR: tuple[Drawn, ...] = (

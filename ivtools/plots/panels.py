@@ -154,7 +154,7 @@ def spectrum(axes: Axes, diagnosis: Diagnosis) -> None:
 
 
 def ranking(axes: Axes, diagnosis: Diagnosis) -> None:
-    """Draw what each effect closes alone."""
+    """Draw what each effect closes by itself."""
     shown = _chosen(diagnosis)[::-1]
     twins = {x: e for e, others in diagnosis.ambiguous_with.items() for x in others}
     for y, ranked in enumerate(shown):
@@ -169,7 +169,7 @@ def ranking(axes: Axes, diagnosis: Diagnosis) -> None:
             edgecolor="white",
             linewidth=0.0,
         )
-        told = f"not told from {twin}" if twin else ""
+        told = f"may also be {twin}" if twin else ""
         if ranked.effect in diagnosis.beside:
             told = "named beside the others"
         axes.annotate(told, (closed, y), (3, 0), **_BESIDE)
@@ -178,11 +178,11 @@ def ranking(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.set_xlim(0.0, max(1.7 * 100 * max((r.closed for r in shown), default=0.0), 10.0))
     room = 140.0 if twins or diagnosis.beside else 102.0
     axes.set_xlim(right=min(axes.get_xlim()[1], room))
-    axes.set_xlabel("closes alone, % of the reducible gap")
+    axes.set_xlabel("closes by itself, % of the reducible gap")
     keys = [
         Patch(color=_AFTER, label="named"),
         Patch(color=_OTHER, label="not named"),
-        Patch(facecolor=_OTHER, alpha=0.45, hatch="////", edgecolor="white", label="screened only"),
+        Patch(facecolor=_OTHER, alpha=0.45, hatch="////", edgecolor="white", label="not fitted"),
     ]
     axes.legend(handles=keys, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, **_TIGHT)
 

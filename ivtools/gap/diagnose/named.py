@@ -17,7 +17,7 @@ from ..floor import Measured, folds
 from ..fold import Fold
 from ..library import library
 from ..preflight import Finding
-from ..rules import ADEQUATE, ALONE, RATTLES
+from ..rules import ADEQUATE, ALONE, FAINT, RATTLES
 from .begun import Begun
 
 
@@ -82,15 +82,16 @@ class _Way(NamedTuple):
 def _ways(begun: Begun, both: Attribution, k: int) -> Iterator[_Way]:
     """Yield the ways in which the k-th record may show something by itself.
 
-    Its command shows a limit that changes nothing in the other one. A load may rattle in one of two
-    motions only, or at other moments in each, so that nothing replicates between them: alternating
-    stretches of one record tell it from what came once, if a second mass that was looked for in
-    both explained something of that record by itself. So may any effect that the other motion does
-    not show.
+    Its command shows a limit that changes nothing in the other one, which judges. A load may rattle
+    in one of two motions only, or at other moments in each, so that nothing replicates between
+    them: alternating stretches of one record tell it from what came once, if a second mass that was
+    looked for in both explained something of that record by itself. So may any effect that the
+    other motion does not show.
     """
     one, other = begun.measured[k], begun.measured[1 - k]
     name, unmoved = one.fold.record.name, other.fold.record.name
-    if one.parity.limit is not None and _limits(begun.loop, one) and not _limits(begun.loop, other):
+    loop, judges = begun.loop, k == 1
+    if not judges and one.parity.limit and _limits(loop, one) and not _limits(loop, other):
         at_limit = tuple(parity.effects((one.parity,))[0])
         yield _Way(name, f"the command of {unmoved} hardly reaches its limit", at_limit)
     silent = other.base.cost < ADEQUATE
@@ -130,7 +131,7 @@ def _alone(begun: Begun, both: Attribution) -> Named | None:
 
 def _limits(loop: ClosedLoop, one: Measured) -> bool:
     """Whether what was put right of the controller lowers the force error of a record."""
-    return quantify.declared(loop, (one,)).force_rms > one.base.force_rms
+    return one.base.force_rms < (1.0 - FAINT) * quantify.declared(loop, (one,)).force_rms
 
 
 def _hidden(other: Measured, result: Attribution) -> bool:

@@ -4,7 +4,7 @@ answer     one word, and what is to be said beside it
 ranking    every effect that was tried, and how much each closes by itself
 replica    whether a named effect does the same on either side
 
-Nothing is decided here that a person could not look up in `rules`.
+The thresholds are in `rules`; names that do not lower the force error have fallen before.
 """
 
 from .answer import (
@@ -18,11 +18,12 @@ from .answer import (
     no_better,
     remainder,
 )
-from .ranking import Ranked, ranking
+from .ranking import SCREENED, Ranked, ranking
 from .replica import Replica, replicas, replicate
 
 __all__ = [
     "OUTSIDE",
+    "SCREENED",
     "VERDICTS",
     "Ranked",
     "Replica",

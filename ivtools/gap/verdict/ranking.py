@@ -9,6 +9,9 @@ import numpy as np
 from ..attribute import Attribution
 from ..rules import DRAWS, Rules
 
+#: What the word in the ranking means.
+SCREENED = "screened: estimated to first order, and not fitted"
+
 
 @dataclass(frozen=True)
 class Ranked:
