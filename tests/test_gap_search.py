@@ -279,6 +279,16 @@ def test_a_backlash_is_found_where_it_is(seed):
     assert gap.shrink.closed > 0.9
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_line_that_the_other_record_would_show_is_not_named_on_one_alone(turned):
+    """Its phase is a matter of each record, and its size is not."""
+    loop, theta = axis("cogging", cosine=4.0, sine=0.0, period=0.005)
+    one, two = moves.record(loop, theta, 16.0, 3), moves.record(iv.axes.emps(), BASE, 16.0, 13)
+    pair = (two, one) if turned else (one, two)
+    gap = iv.diagnose(pair[0], iv.axes.emps(), pair[1])
+    assert gap.effects == () and gap.verdict != "adequate"
+
+
 def test_in_a_valley_the_search_goes_on_with_what_it_had_chosen_of_a_few_values():
     """Where the offset acts is a nuisance; what it should have been would be in all others."""
     true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.6, "contact_hz": 160.0}

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from ...loop import ClosedLoop
 from .. import parity, quantify
 from ..attribute import Attribution, attribute, upheld
@@ -135,5 +137,14 @@ def _limits(loop: ClosedLoop, one: Measured) -> bool:
 
 
 def _hidden(other: Measured, result: Attribution) -> bool:
-    """Whether a record that shows no gap shows none with the effects of another one either."""
-    return retuned(other.side, result.fits[0], other.base).cost < ADEQUATE
+    """Whether a record that shows no gap shows none with the effects of another one either.
+
+    Of a line over position with the phase that suits it best, and as large as there.
+    """
+    there = result.fits[0]
+    here = retuned(other.side, there, other.base)
+    values = dict(here.values)
+    for names in (t.phases for t in here.loop.terms if t.phases):
+        size, own = (float(np.linalg.norm([f.values[n] for n in names])) for f in (there, here))
+        values |= {n: here.values[n] * size / max(own, 1e-300) for n in names}
+    return float(np.mean(here.fold.error(here.loop, values) ** 2)) < ADEQUATE
