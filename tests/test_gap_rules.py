@@ -156,7 +156,7 @@ def test_a_further_name_is_not_slight_beside_what_all_leave(left, first, taken, 
     pairs = {name: (None, SimpleNamespace(removed=0.05)) for name in ("one", "two")}
     monkeypatch.setattr(attribution, "probability", {"one": first, "two": 0.9}.get)
     found = Attribution((), (), (SimpleNamespace(cost=left),), tuple(pairs), Rules())
-    vars(found).update(_winners=pairs, _empty=set(), evidence={name: name for name in pairs})
+    vars(found).update(winners=pairs, _empty=set(), evidence={name: name for name in pairs})
     assert found.doubtful == taken
 
 

@@ -102,7 +102,7 @@ class Attribution:
         return {n: (v, two[n]) for n, v in one.items() if "." in n and n in two}
 
     @cached_property
-    def _winners(self) -> dict[str, tuple[Round, Trial]]:
+    def winners(self) -> dict[str, tuple[Round, Trial]]:
         """Round and trial of every effect that is named."""
         pairs = ((r, r.best) for r in self.rounds if r.best is not None)
         return {best.name: (r, best) for r, best in pairs if best.name in self.named}
@@ -111,8 +111,8 @@ class Attribution:
     def ambiguous(self) -> dict[str, list[str]]:
         """Per named effect, those that are not distinguishable from it."""
         return {
-            name: [t.name for t in self._rivals(r) if t.name not in self.named]
-            for name, (r, _) in self._winners.items()
+            name: [t.name for t in self.rivals(r) if t.name not in self.named]
+            for name, (r, _) in self.winners.items()
         }
 
     @property
@@ -127,7 +127,8 @@ class Attribution:
         own = {t.name for t in self.fits[0].loop.terms}
         return tuple(f.values for f in helps if own <= {t.name for t in f.loop.terms})
 
-    def _rivals(self, r: Round) -> tuple[Trial, ...]:
+    def rivals(self, r: Round) -> tuple[Trial, ...]:
+        """Return what is not distinguishable from the best effect of a round."""
         return r.rivals(self.rules, cost(self.held))
 
     @cached_property
@@ -138,7 +139,7 @@ class Attribution:
         """
         likely = [n for n, proof in self.evidence.items() if probability(proof) >= LIKELY]
         least = SLIGHT * (cost(self.held) - 1.0)
-        slight = {n for n in likely[1:] if self._winners[n][1].removed < least}
+        slight = {n for n in likely[1:] if self.winners[n][1].removed < least}
         return tuple(n for n in self.evidence if n in slight | self._empty or n not in likely)
 
     @cached_property
@@ -147,16 +148,16 @@ class Attribution:
 
         Once another one was added or dropped, an effect may fit best at its bounds.
         """
-        return {n for n, (_, t) in self._winners.items() if not replace(t, fits=self.fits).meant}
+        return {n for n, (_, t) in self.winners.items() if not replace(t, fits=self.fits).meant}
 
     @cached_property
     def evidence(self) -> dict[str, Evidence]:
         """Per named effect, what speaks for it."""
-        return {n: self.proof(r, best) for n, (r, best) in self._winners.items()}
+        return {n: self.proof(r, best) for n, (r, best) in self.winners.items()}
 
     def proof(self, r: Round, trial: Trial) -> Evidence:
         """Return what speaks for one of the effects that were tried in a round."""
-        others = [t for t in r.trials if t not in (trial, *self._rivals(r))]
+        others = [t for t in r.trials if t not in (trial, *self.rivals(r))]
         found = weigh(trial, others, self.base, self.rules, self.full or self.held)
         if trial.name in self.certain:
             return replace(found, certain=True)

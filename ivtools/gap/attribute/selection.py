@@ -8,8 +8,8 @@ of a forward selection add one effect each; a backward pass drops what a later o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,14 +63,8 @@ def attribute(
     without : tuple of str
         Effects left out of the library.
     """
-
-    def tried(earlier: Sequence[Round], only: Collection[str] = ()) -> Round:
-        """Return the round that comes after some others, of all effects or these."""
-        last = earlier[-1].best if earlier else None
-        terms = library(last.fits[0].loop if last else base[0].loop, extra, without)
-        return play(sides, base, earlier, [t for t in terms if t.name in only or not only], rules)
-
-    rounds, groups, local = _forward(tried, base, rules)
+    search = _Search(sides, base, rules, extra, without)
+    rounds, groups, local = search.forward()
     if local:
         known = {name: at for r in rounds for name, at in r.valleys.items()}
         sides = tuple(replace(s.common, places={**s.places, **known}) for s in sides)
@@ -86,9 +80,8 @@ def attribute(
     names = [t.name for t in won]
     surpassed = frozenset(t.name for group in groups[told:most] for t in group)
     kept, fits, held = _backward(sides, base, fits, held, won)
-    played = tuple(rounds)
-    found = Attribution(base, fits, held, tuple(kept), rules, played, laws, surpassed, certain)
-    found = _beside_others(sides, found, tried)
+    found = Attribution(base, fits, held, tuple(kept), rules, rounds, laws, surpassed, certain)
+    found = search.beside_others(found)
     ended = {tuple(names[: names.index(t.name) + 1]): t for t in ends[:most]}
     found = _withdrawn(sides, found, ended)
     first = rounds[0].best if rounds else None
@@ -97,106 +90,147 @@ def attribute(
     return replace(found, supposed=Supposed(first.name, first.fits[0].values, first.gain))
 
 
-def _forward(
-    tried: Callable[..., Round], base: tuple[Fit, ...], rules: Rules
-) -> tuple[list[Round], list[tuple[Trial, ...]], bool]:
-    """Look for one effect after the other.
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The rounds of a selection; parameters as for `attribute`."""
 
-    Returns the rounds, what gets a name in each of them, one effect or a pair, and whether the last
-    one depends on positions or times that the other record has not seen: then all are looked for
-    once more where both have been.
+    sides: tuple[Side, ...]
+    base: tuple[Fit, ...]
+    rules: Rules
+    extra: tuple[Term, ...]
+    without: tuple[str, ...]
 
-    Parameters
-    ----------
-    tried : callable
-        Plays the round that comes after others.
-    base : tuple of Fit
-    rules : Rules
-    """
+    def play(self, earlier: Sequence[Round], only: Collection[str] = ()) -> Round:
+        """Return the round that comes after some others, of all effects or these."""
+        last = earlier[-1].best if earlier else None
+        loop = last.fits[0].loop if last else self.base[0].loop
+        terms = library(loop, self.extra, self.without)
+        chosen = [t for t in terms if t.name in only or not only]
+        return play(self.sides, self.base, earlier, chosen, self.rules)
 
-    def beyond(group: tuple[Trial, ...]) -> bool:
-        """Whether one depends on positions or times that the other record has not seen."""
-        return _elsewhere(base) and any(t.term.local for t in group)
+    def forward(self) -> tuple[tuple[Round, ...], list[tuple[Trial, ...]], bool]:
+        """Look for one effect after the other.
 
-    rounds: list[Round] = []
-    groups: list[tuple[Trial, ...]] = []
-    room = rules.most
-    while room:
-        rounds.append(tried(rounds))
-        last = rounds[-1]
-        first = last if groups else last.led(rules)
-        if first.best is None:
-            break
-        group: tuple[Trial, ...] = (first.best,)
-        if not beyond(group) and (first is not last or _doubtful(first.best, last, base, rules)):
-            more = _pair([*rounds[:-1], first], tried, base, rules) if room > 1 else []
+        Returns the rounds, what gets a name in each of them, one effect or a pair, and whether the
+        last one depends on positions or times that the other record has not seen: then all are
+        looked for once more where both have been.
+        """
+        rounds: list[Round] = []
+        groups: list[tuple[Trial, ...]] = []
+        room = self.rules.most
+        while room:
+            rounds.append(self.play(rounds))
+            lead = rounds[-1] if groups else rounds[-1].led(self.rules)
+            group, more = self._next(rounds, lead, room)
             rounds += more
-            if more or first is not last or _doubtful(first.best, last, base, rules, asked=True):
-                group = tuple(r.best for r in more[-2:] if r.best is not None)
-        if beyond(group):
-            return rounds, groups, True
-        if not group:
-            break
-        groups.append(group)
-        room -= len(group)
-    return rounds, groups, False
+            if not group:
+                break
+            if self._beyond(group):
+                return tuple(rounds), groups, True
+            groups.append(group)
+            room -= len(group)
+        return tuple(rounds), groups, False
 
+    def _next(
+        self, rounds: Sequence[Round], lead: Round, room: int
+    ) -> tuple[tuple[Trial, ...], list[Round]]:
+        """Return what gets a name after the last round, and further rounds that this took.
 
-def _elsewhere(base: tuple[Fit, ...]) -> bool:
-    """Whether one record goes where, or lasts when, the other one does not."""
-    return any(f.fold.both is not None for f in base)
+        Parameters
+        ----------
+        rounds : sequence of Round
+        lead : Round
+            The last one, or with an effect that does not qualify by itself.
+        room : int
+            Names that may still be given.
+        """
+        best, last, qualifies = lead.best, rounds[-1], lead is rounds[-1]
+        if best is None:
+            return (), []
+        if self._beyond((best,)) or (qualifies and not self._doubtful(best, last)):
+            return (best,), []
+        more = self._pair([*rounds[:-1], lead]) if room > 1 else []
+        if more:
+            return tuple(r.best for r in more[-2:] if r.best is not None), more
+        stays = qualifies and not self._doubtful(best, last, asked=True)
+        return ((best,) if stays else ()), []
 
+    def _pair(self, rounds: Sequence[Round]) -> list[Round]:
+        """Return further rounds that end with either of two effects beside the other, or nothing.
 
-def _pair(
-    rounds: Sequence[Round],
-    tried: Callable[..., Round],
-    base: tuple[Fit, ...],
-    rules: Rules,
-) -> list[Round]:
-    """Return further rounds that end with either of two effects beside the other, or nothing.
+        Where two of them share the gap, neither explains most of it alone, and a force that only
+        resembles one may do better than both. So the round's best is followed by the next one,
+        beside which the first is chosen anew. Both get a name if they leave the floor together, and
+        either is sure beside the other. An effect that depends on a position which the other fold
+        has not seen ends the search by itself: it begins again where both have been.
 
-    Where two of them share the gap, neither explains most of it alone, and a force that only
-    resembles one may do better than both. So the round's best is followed by the next one, beside
-    which the first is chosen anew. Both get a name if they leave the floor together, and either is
-    sure beside the other. An effect that depends on a position which the other fold has not seen
-    ends the search by itself: it begins again where both have been.
+        Parameters
+        ----------
+        rounds : sequence of Round
+            The last one has the best effect that is doubtful by itself.
 
-    Parameters
-    ----------
-    rounds : sequence of Round
-        The last one has the best effect that is doubtful by itself.
-    tried : callable
-        Plays the round that comes after others.
-    base : tuple of Fit
-    rules : Rules
+        P. Pudil, J. Novovicova, J. Kittler, Pattern Recognition Letters 15(11), 1994: a search that
+        floats.
+        """
+        earlier, first = list(rounds[:-1]), rounds[-1]
 
-    P. Pudil, J. Novovicova, J. Kittler, Pattern Recognition Letters 15(11), 1994: a search that
-    floats.
-    """
-    earlier, first = list(rounds[:-1]), rounds[-1]
+        def beside(name: str) -> Round | None:
+            """Return the round that comes after a first one with this effect."""
+            if first.best is not None and first.best.name == name:
+                return self.play(rounds)
+            known = [t for t in first.trials if t.name == name]
+            known = known or list(self.play(earlier, [name]).trials)
+            one = replace(first, qualified=tuple(known), sensed="")
+            return self.play([*earlier, one]) if known else None
 
-    def beside(name: str) -> Round | None:
-        """Return the round that comes after a first one with this effect."""
-        if first.best is not None and first.best.name == name:
-            return tried(rounds)
-        known = [t for t in first.trials if t.name == name] or tried(earlier, [name]).trials
-        one = replace(first, qualified=tuple(known), sensed="")
-        return tried([*earlier, one]) if known else None
+        assert first.best is not None
+        names = [first.best.name]
+        found: list[Round] = []
+        while len(found) < PAIR_ROUNDS:
+            last = beside(names[-1])
+            if last is None or last.best is None or self._doubtful(last.best, last):
+                return []
+            found.append(last)
+            if self._beyond((last.best,)):
+                return found
+            names.append(last.best.name)
+            if len(found) > 1 and names[-1] == names[-3]:  # either is the best beside the other
+                return found if cost(last.best.held) < CLEAN else []
+        return []
 
-    assert first.best is not None
-    names = [first.best.name]
-    found: list[Round] = []
-    while len(found) < PAIR_ROUNDS:
-        last = beside(names[-1])
-        if last is None or last.best is None or _doubtful(last.best, last, base, rules):
-            return []
-        found.append(last)
-        if last.best.term.local and _elsewhere(base):
-            return found
-        names.append(last.best.name)
-        if len(found) > 1 and names[-1] == names[-3]:  # either is the best beside the other
-            return found if cost(last.best.held) < CLEAN else []
-    return []
+    def beside_others(self, result: Attribution) -> Attribution:
+        """Judge what is doubtful once more, beside all other names, if together they leave nothing.
+
+        Where it was found the gap held what the later ones explain, which makes any effect uneven.
+        """
+        if len(result.named) < 2 or cost(result.held) >= CLEAN:
+            return result
+        anew = []
+        for name in result.doubtful:
+            other = next(t for n, (_, t) in result.winners.items() if n != name)
+            fewer = _without(self.sides, result.fits, name)
+            held = frozen(self.sides, fewer)
+            others = replace(other, fits=fewer, held=held, before=result.base)
+            alike = (t.name for t in result.rivals(result.winners[name][0]))
+            before = replace(result.rounds[0], qualified=(others,), sensed="")
+            last = self.play([before], [name, *alike])
+            anew += [last] if last.best is not None and last.best.name == name else []
+        return replace(result, rounds=(*result.rounds, *anew))
+
+    def _beyond(self, group: Sequence[Trial]) -> bool:
+        """Whether one depends on positions or times that the other record has not seen."""
+        elsewhere = any(f.fold.both is not None for f in self.base)
+        return elsewhere and any(t.term.local for t in group)
+
+    def _doubtful(self, best: Trial, last: Round, asked: bool = False) -> bool:
+        """Whether names with such evidence were hardly more often right than wrong.
+
+        If `asked`, that the effect stands is evidence as well: two that leave nothing come first.
+        """
+        rivals = last.rivals(self.rules, cost(best.held))
+        others = [t for t in last.trials if t not in (best, *rivals)]
+        found = (weigh if asked else evidence)(best, others, self.base, self.rules)
+        return probability(found) < LIKELY
 
 
 def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -> Attribution:
@@ -218,38 +252,10 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
         return found
     models = [common(fits) for fits in (base, frozen(sides, found.fits))]
     laws = Laws.of(models[0])
-    winners = [tuple(t for _, t in found._winners.values())]
+    winners = [tuple(t for _, t in found.winners.values())]
     if laws is None or names_kept(models, laws, winners, found.rules).told:
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
-
-
-def _beside_others(
-    sides: tuple[Side, ...], result: Attribution, tried: Callable[..., Round]
-) -> Attribution:
-    """Judge what is doubtful once more, beside all other names, if together they leave nothing.
-
-    Where it was found the gap held what the later ones explain, which makes any effect uneven.
-
-    Parameters
-    ----------
-    sides : tuple of Side
-    result : Attribution
-    tried : callable
-        Plays the round that comes after others.
-    """
-    if len(result.named) < 2 or cost(result.held) >= CLEAN:
-        return result
-    anew = []
-    for name in result.doubtful:
-        other = next(t for n, (_, t) in result._winners.items() if n != name)
-        fewer = _without(sides, result.fits, name)
-        others = replace(other, fits=fewer, held=frozen(sides, fewer), before=result.base)
-        alike = (t.name for t in result._rivals(result._winners[name][0]))
-        before = replace(result.rounds[0], qualified=(others,), sensed="")
-        last = tried([before], [name, *alike])
-        anew += [last] if last.best is not None and last.best.name == name else []
-    return replace(result, rounds=(*result.rounds, *anew))
 
 
 def _withdrawn(
@@ -273,19 +279,6 @@ def _withdrawn(
             fits = _without(sides, fits, name)
         held = frozen(sides, fits)
     return replace(result, fits=fits, held=held, named=named, full=result.held)
-
-
-def _doubtful(
-    best: Trial, last: Round, base: tuple[Fit, ...], rules: Rules, asked: bool = False
-) -> bool:
-    """Whether names with such evidence were hardly more often right than wrong.
-
-    If `asked`, that the effect stands is evidence as well: two that leave nothing come first.
-    """
-    rivals = last.rivals(rules, cost(best.held))
-    others = [t for t in last.trials if t not in (best, *rivals)]
-    found = (weigh if asked else evidence)(best, others, base, rules)
-    return probability(found) < LIKELY
 
 
 def _backward(
