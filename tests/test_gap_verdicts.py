@@ -11,15 +11,17 @@ from scipy import signal
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.errors import IVToolsError, RecordError
+from ivtools.errors import DataError, IVToolsError, RecordError
 from ivtools.gap.attribute.kept import names_kept, outmatched
-from ivtools.gap.discrepancy import Basis, Columns, Spline
+from ivtools.gap.discrepancy import Basis, Columns, Discrepancy, Spline
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
 from ivtools.gap.rules import Rules
 from ivtools.gap.verdict import lowers
 from ivtools.linalg.swing import Swing
 from ivtools.physics import EFFECTS, Parameter, Term
+from ivtools.plots.gap import gap as gap_figure
+from ivtools.plots.gap import nameless, nameless_of
 
 discrepancy = sys.modules["ivtools.gap.discrepancy.discrepancy"]
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -143,14 +145,97 @@ def test_a_gap_below_the_tolerance_is_negligible_in_words():
     assert "negligible" in wide.summary() and wide.effects == ("asymmetric-viscous",)
 
 
-def test_what_has_no_name_is_described():
+@pytest.fixture(scope="module")
+def hilly():
     loop = iv.axes.emps().with_effect(HILLS, size=6.0)
-    gap = iv.diagnose(record(8, loop), iv.axes.emps(), record(9, loop))
-    left = gap.to_dict()["discrepancy"]
-    assert gap.effects == () and left is not None
+    return iv.diagnose(record(8, loop), iv.axes.emps(), record(9, loop))
+
+
+def test_what_has_no_name_is_described(hilly):
+    left = hilly.to_dict()["discrepancy"]
+    assert hilly.effects == () and left is not None
     assert left["over"][0] == "q" and left["repeats"] and left["unit"] == "N"
     assert 1.5 < left["rms"] < 6.0
-    assert gap.verdict == "unexplained" and "left: a force of" in gap.summary()
+    assert hilly.verdict == "unexplained" and "left: a force of" in hilly.summary()
+
+
+def hump(q, dq, ddq, sign, tau, t, size):
+    """A hump on the way, wider than the knots of a spline over position are apart."""
+    return size * np.exp(-(((q - 0.1) / 0.03) ** 2))
+
+
+HUMP = Term("hump", "mechanics", (Parameter("size", "{F}"),), "a hump", "a test", law=hump)
+
+
+def test_what_any_law_would_leave_is_the_noise_where_the_force_is_smooth():
+    loop = iv.axes.emps().with_effect(HUMP, size=5.0)
+    gap = iv.diagnose(record(8, loop), iv.axes.emps(), record(9, loop))
+    left, judged = gap.to_dict()["discrepancy"], gap.traces.record
+    true = loop.simulate(judged, loop.values({**BASE, "hump.size": 5.0}))
+    noise = (loop.force(judged) - loop.gain * true.nu)[gap.traces.keep]
+    least = float(np.sqrt(np.mean(noise**2)))
+    assert left["before"] == pytest.approx(gap.shrink.after, rel=0.02)  # where both have been
+    assert left["after"] < 0.2 * gap.shrink.after
+    assert left["after"] == pytest.approx(least, rel=0.1)
+    assert left["after"] < 1.2 * gap.shrink.floor
+    told = f"any static law would leave about {left['after']:.2g} of {left['before']:.2g} N rms"
+    assert told in " ".join(gap.summary().split())
+
+
+def test_what_is_finer_than_the_knots_of_a_law_is_left(hilly):
+    left = hilly.discrepancy
+    assert 1.5 * hilly.shrink.floor < left.after < 0.2 * left.before
+
+
+def test_with_nothing_left_there_is_no_force_without_a_name():
+    gap = iv.diagnose(record(1), iv.axes.emps(), record(2))
+    assert gap.discrepancy is None and gap.to_dict()["discrepancy"] is None
+    assert "What has no name" not in gap.page().html() and nameless_of(gap) == ()
+    with pytest.raises(DataError, match="no force without a name"):
+        nameless(gap)
+
+
+def test_the_curve_of_a_force_without_a_name_is_drawn_with_its_units(hilly):
+    (axes,) = nameless(hilly).axes
+    forwards, backwards = axes.get_lines()[:2]
+    assert [forwards.get_label(), backwards.get_label()] == ["forwards", "backwards"]
+    assert axes.get_xlabel() == "position, m" and axes.get_ylabel().endswith(", N")
+    x = np.array(hilly.discrepancy.curve)[:, 0]
+    true = np.interp(x, x, hills(x, *[None] * 5, size=6.0))
+    assert np.corrcoef(forwards.get_ydata(), true)[0, 1] > 0.9
+    small = replace(
+        hilly.discrepancy, curve=((1e-3, 2e-3, -1e-3), (4e-3, 5e-3, -2e-3)), period=5e-3
+    )
+    (axes,) = nameless(replace(hilly, discrepancy=small)).axes
+    assert axes.get_xlabel() == "position within a period, mm"
+    assert axes.get_ylabel() == "force without a name, mN"
+    assert nameless_of(replace(hilly, discrepancy=replace(small, curve=()))) == ()
+    page = hilly.page()
+    section = next(s for s in page.sections if s.title == "What has no name")
+    assert [f.name for f in section.figures] == ["nameless"]
+    assert len(gap_figure(hilly).axes) == 5
+
+
+@pytest.mark.parametrize(
+    ("over", "signals", "said"),
+    [
+        (("q",), ("q",), "position and direction"),
+        (("state", "q"), ("q", "dq"), "position and speed together and direction"),
+        (("gain", "drive"), ("load", "q", "dq", "drive"),
+         "load times position or speed and the force of the drive"),
+        (("warm", "heat"), ("dq", "past"), "how much moved before"),
+        (("past", "swing", "load", "wave", "q"), ("past", "ddq", "load", "q", "dq"),
+         "the motion before, the swing of a load, load and others"),
+    ],
+)  # fmt: skip
+def test_at_most_three_signals_of_a_force_without_a_name_are_told(over, signals, said):
+    found = Discrepancy(1.9e-3, "N", over, 0.5, 2.5e-3, 0.9e-3, ())
+    assert found.signals == signals and found.to_dict()["over"] == list(signals)
+    kind = "law that remembers the motion" if "past" in signals else "static law"
+    assert found.text == (
+        f"a force of 1.9 mN rms repeats over {said} and is not among the known effects; "
+        f"any {kind} would leave about 0.9 of 2.5 mN rms"
+    )
 
 
 def frayed(q, dq, ddq, sign, tau, t, size):
@@ -182,7 +267,13 @@ WORN = Term("worn", "mechanics", (Parameter("size", "{F}"),), "worn spots", "a t
 def test_periodic_friction_is_not_taken_for_cogging():
     loop = iv.axes.emps().with_effect(WORN, size=2.5)
     records = record(10, loop), record(11, loop)
-    assert iv.diagnose(records[0], iv.axes.emps(), records[1]).effects == ()
+    gap = iv.diagnose(records[0], iv.axes.emps(), records[1])
+    assert gap.effects == ()
+    assert gap.discrepancy.over[0] == "wave"
+    assert gap.discrepancy.period == pytest.approx(0.007, rel=1e-2)
+    x, forwards, backwards = np.array(gap.discrepancy.curve).T
+    assert np.corrcoef(forwards, np.cos(2.0 * np.pi * x / 0.007))[0, 1] > 0.9
+    assert np.corrcoef(forwards, backwards)[0, 1] < -0.9
     found = iv.diagnose(records[0], iv.axes.emps(), records[1], extra=(WORN,))
     assert found.effects == ("worn",)  # it is there to be seen
 

@@ -142,6 +142,8 @@ class Fold:
         larger here than there leaves more than 1, and no law explains that.
     both : ndarray of bool, (n_samples,), optional
         Samples where, and when, the fold that it is compared with has been as well, if not all.
+    against : ndarray, (n_samples,), optional
+        A force against the motion that no term of a loop makes, N or N m.
     """
 
     record: Record
@@ -154,6 +156,7 @@ class Fold:
     link: Link | None = None
     smooth: float = 1.0
     both: Mask | None = None
+    against: Array | None = None
 
     @property
     def n_kept(self) -> int:
@@ -252,7 +255,10 @@ class Fold:
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""
         ramp = self.ramp and self.place is not None
-        return loop.simulate(self.record, values, place=self.place, link=self._felt, ramp=ramp)
+        more = None if self.against is None else -self.against
+        return loop.simulate(
+            self.record, values, force_noise=more, place=self.place, link=self._felt, ramp=ramp
+        )
 
     def gap(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return measured minus simulated force, N or N m, (n_samples,); inf if it diverged."""
@@ -331,8 +337,9 @@ class Fold:
         """Return the fold of some samples in a row."""
         rows = slice(start, stop)
         place = None if self.place is None else self.place[rows]
-        part = self.record.slice(start, stop)
-        return replace(self, record=part, keep=self.keep[rows], place=place, both=None)
+        against = None if self.against is None else self.against[rows]
+        part, keep = self.record.slice(start, stop), self.keep[rows]
+        return replace(self, record=part, keep=keep, place=place, both=None, against=against)
 
 
 def block_t(sums: Array) -> float:

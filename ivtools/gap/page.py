@@ -13,8 +13,11 @@ from .simulator import changes_table
 from .verdict import SCREENED
 
 if TYPE_CHECKING:
-    from ..report import Card, Page
+    from ..plots.chart import Chart
+    from ..plots.gap import Drawn
+    from ..report import Card, Page, Picture
     from .diagnosis import Diagnosis
+    from .discrepancy import Discrepancy
     from .quantify import Shrink
     from .verdict import Replica
 
@@ -53,7 +56,7 @@ def page(diagnosis: Diagnosis) -> Page:
     diagnosis : Diagnosis
     """
     from ..plots import gap as figures
-    from ..report import Page, Picture
+    from ..report import Page
 
     out = Page(f"Diagnosis of {diagnosis.name}", _lead(diagnosis), _card(diagnosis))
     told = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
@@ -65,11 +68,7 @@ def page(diagnosis: Diagnosis) -> Page:
         return out
     about = _RECORD if diagnosis.effects else _RECORD_ALONE
     out.add("The record", figures=[figures.over_time(diagnosis, "record", about)])
-
-    def drawn(what: Sequence[figures.Drawn]) -> list[Picture]:
-        """Return the figures of a section, with their captions."""
-        return [Picture(name, draw(diagnosis), caption) for name, draw, caption in what]
-
+    drawn = partial(_drawn, diagnosis)
     out.add("Where", _WHERE, figures=drawn(figures.WHERE))
     told = [*map(sentence, diagnosis.said_of_beside), *_nothing(diagnosis)]
     ranked = ranking_table(diagnosis)
@@ -77,10 +76,20 @@ def page(diagnosis: Diagnosis) -> Page:
         out.add("Which effect", *told, folded=[(_OF_LITTLE, ranked)])
     else:
         out.add("Which effect", *told, tables=[ranked], figures=drawn(figures.WHICH))
+    if (left := diagnosis.discrepancy) is not None:
+        shown, curve = [_nameless_table(diagnosis, left)], figures.nameless_of(diagnosis)
+        out.add("What has no name", _nameless(left), tables=shown, figures=drawn(curve))
     out.add("How far", tables=[_signals(diagnosis)], figures=drawn(figures.HOW_FAR))
     if rest := _remarks(diagnosis)[_NEXT:]:
         out.add("More remarks", *rest)
     return out
+
+
+def _drawn(diagnosis: Diagnosis, what: Sequence[Drawn], prefix: str = "") -> list[Picture]:
+    """Return the figures of a section, with their captions."""
+    from ..report import Picture
+
+    return [Picture(f"{prefix}{name}", draw(diagnosis), caption) for name, draw, caption in what]
 
 
 def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
@@ -100,7 +109,8 @@ def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
     verdict = f"{diagnosis.verdict.capitalize()}: {diagnosis.why}."
     told = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
     tables = [named_table(diagnosis)] if diagnosis.replicas else []
-    charts, folded = [], []
+    charts: list[Picture | Chart] = []
+    folded = []
     if diagnosis.traces is not None and diagnosis.shrink is not None:
         if diagnosis.verdict == "adequate":
             folded = [(_OF_LITTLE, ranking_table(diagnosis))]
@@ -108,6 +118,7 @@ def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
             tables.append(ranking_table(diagnosis))
         about = _RECORD if diagnosis.effects else _RECORD_ALONE
         charts.append(figures.over_time(diagnosis, figure, about))
+    charts += _drawn(diagnosis, figures.nameless_of(diagnosis), f"{figure}-")
     remarks = map(sentence, diagnosis.advice)
     out.add(
         title,
@@ -149,6 +160,28 @@ def _more(diagnosis: Diagnosis) -> list[str]:
     return lines
 
 
+def _nameless(left: Discrepancy) -> str:
+    """Return how to read the figures of a force without a name."""
+    return (
+        f"The force repeats over {left.said}. Fitted to one half of the data and put into the "
+        f"model, it leaves {left.leaves} of the force error on the other half: about as far as any "
+        f"{left.law} can close what is left."
+    )
+
+
+def _nameless_table(diagnosis: Diagnosis, left: Discrepancy) -> Text:
+    """Return the size of a force without a name, and the force errors without and with it."""
+    sizes = {
+        "the force, rms": left.rms,
+        "force error without it, rms": left.before,
+        "force error with it, rms": left.after,
+    }
+    rows = [[name, quantity(size, left.unit, 3)] for name, size in sizes.items()]
+    if left.period:
+        rows.append(["its period", quantity(left.period, JOINTS[diagnosis.loop.joint].length, 3)])
+    return table("A force without a name", [], ["quantity", "value"], rows)
+
+
 def _card(diagnosis: Diagnosis) -> Card:
     """Return the answer in short: verdict, effects with their values, errors, what to do next."""
     from ..report import Card
@@ -167,6 +200,8 @@ def _card(diagnosis: Diagnosis) -> Card:
         if s.held_out:
             frozen = s.shown(s.after_frozen)
             facts.append(("With the first record's base parameters", frozen))
+        if (left := diagnosis.discrepancy) is not None:
+            facts.append((f"With any {left.law} besides", left.leaves))
         facts.append(("Floor", s.shown(s.floor)))
     verdict = f"{diagnosis.verdict.capitalize()}: {diagnosis.why}."
     tone = _TONES.get(diagnosis.verdict, "doubt")

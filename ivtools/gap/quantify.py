@@ -192,12 +192,7 @@ def how_far(
     held_out: bool,
 ) -> tuple[Shrink, Traces]:
     """Return how far the gap closes, and the signals that show it."""
-    tuned = result.held[-1] if result.named or len(measured) == 1 else measured[-1].base
-    after = replace(tuned, fold=fold)
-    if fold.doubt is not None and tuned.fold.n_kept < fold.n_kept:
-        # what is likeliest of the load hangs together with them, on all that is judged
-        step = steps(tuned.loop, measured[-1].side.scales)
-        after = gauss_newton(fold, tuned.loop, tuned.values, tuned.free, step, RETUNED)
+    after = _judged(_tuned(measured, result), measured, fold)
     before = replace(plain, fold=replace(plain.fold, keep=fold.keep))
     if not result.named and after.force_rms > before.force_rms:
         after = before  # what was put right of the controller makes nothing better
@@ -213,6 +208,57 @@ def how_far(
     )
     force = after.loop.force(record)[:, 0]
     return shrink, Traces(record, fold.keep, force, e0, e1, _spectra(record.dt, e0, e1, level))
+
+
+def beside(
+    measured: tuple[Measured, ...],
+    result: Attribution,
+    fold: Fold,
+    force: Array,
+    both: NDArray[np.bool_] | None = None,
+) -> tuple[float, float]:
+    """Return the force error without and with a further force in the model, N or N m rms.
+
+    As `Shrink.after`: the loop is simulated with it, the base parameters are tuned beside it.
+
+    Parameters
+    ----------
+    measured, result, fold
+        As for `how_far`.
+    force : ndarray, (n_samples,)
+        Along the record that judges, against the motion, N or N m.
+    both : ndarray of bool, (n_samples,), optional
+        Where it is known, if not everywhere: nothing else is judged then.
+    """
+    tuned = _tuned(measured, result)
+    step = steps(tuned.loop, measured[-1].side.scales)
+
+    def again(fit: Fit, own: Fold) -> Fit:
+        """Return a model whose base parameters are tuned on another fold."""
+        return gauss_newton(own, fit.loop, fit.values, fit.free, step, RETUNED)
+
+    if both is not None:
+        fold, tuned = fold.only(both, fold.label), again(tuned, tuned.fold.only(both, fold.label))
+    more = again(tuned, replace(tuned.fold, against=force))
+    without, after = (
+        _judged(fit, measured, replace(fold, against=fit.fold.against)).force_rms
+        for fit in (tuned, more)
+    )
+    return without, after if np.isfinite(after) else without  # a loop that diverges closes nothing
+
+
+def _tuned(measured: tuple[Measured, ...], result: Attribution) -> Fit:
+    """Return the model with what is named, its base parameters tuned on the record that judges."""
+    return result.held[-1] if result.named or len(measured) == 1 else measured[-1].base
+
+
+def _judged(tuned: Fit, measured: tuple[Measured, ...], fold: Fold) -> Fit:
+    """Return a model on all that is judged."""
+    if fold.doubt is None or tuned.fold.n_kept >= fold.n_kept:
+        return replace(tuned, fold=fold)
+    # what is likeliest of the load hangs together with the base parameters, on all of that
+    step = steps(tuned.loop, measured[-1].side.scales)
+    return gauss_newton(fold, tuned.loop, tuned.values, tuned.free, step, RETUNED)
 
 
 def _handed_over(fit: Fit, own: Fit) -> dict[str, float]:

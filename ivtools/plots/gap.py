@@ -25,6 +25,8 @@ _NARROW_MM = 90.0  # two beside each other on a page, one on a phone
 def gap(diagnosis: Diagnosis) -> Sheet:
     """Draw the answer: error over time, ranking, before and after, and the worst second.
 
+    Below them, where a force is left that has no name, its curve.
+
     Parameters
     ----------
     diagnosis : Diagnosis
@@ -39,13 +41,17 @@ def gap(diagnosis: Diagnosis) -> Sheet:
         If the record did not allow a comparison.
     """
     with look():
-        figure = sheet(WIDTH_MM, 115.0)
-        axes = figure.subplots(2, 2, width_ratios=(3, 2))
-        panels.error_over_time(axes[0, 0], diagnosis)
-        panels.ranking(axes[0, 1], diagnosis)
-        panels.force(axes[1, 0], diagnosis, panels.worst_second(panels.traces_of(diagnosis)))
-        axes[1, 0].set_xlabel("time, s")
-        panels.before_and_after(axes[1, 1], diagnosis)
+        more = bool(nameless_of(diagnosis))
+        figure = sheet(WIDTH_MM, 165.0 if more else 115.0)
+        grid = figure.add_gridspec(3 if more else 2, 2, width_ratios=(3, 2))
+        above = [figure.add_subplot(grid[k // 2, k % 2]) for k in range(4)]
+        panels.error_over_time(above[0], diagnosis)
+        panels.ranking(above[1], diagnosis)
+        panels.force(above[2], diagnosis, panels.worst_second(panels.traces_of(diagnosis)))
+        above[2].set_xlabel("time, s")
+        panels.before_and_after(above[3], diagnosis)
+        if more:
+            panels.nameless(figure.add_subplot(grid[2, :]), diagnosis)
         figure.suptitle(_title(diagnosis), fontsize=8)
     return figure
 
@@ -78,6 +84,11 @@ def which(diagnosis: Diagnosis) -> Sheet:
 def before_and_after(diagnosis: Diagnosis) -> Sheet:
     """Draw the gap before and after."""
     return _one(panels.before_and_after, diagnosis)
+
+
+def nameless(diagnosis: Diagnosis) -> Sheet:
+    """Draw the force without a name over the signal that tells most of it."""
+    return _one(panels.nameless, diagnosis)
 
 
 def _one(panel: Callable[[Axes, Diagnosis], None], diagnosis: Diagnosis) -> Sheet:
@@ -173,6 +184,19 @@ HOW_FAR: tuple[Drawn, ...] = (
         "Measured and simulated force around the worst second; below, their difference.",
     ),
 )
+
+_NAMELESS: Drawn = (
+    "nameless",
+    nameless,
+    "The force that the drive must make beyond the model, and that is not among the known effects: "
+    "its mean over one signal, forwards and backwards, whatever else it depends on.",
+)
+
+
+def nameless_of(diagnosis: Diagnosis) -> tuple[Drawn, ...]:
+    """Return the figure of a force without a name, if one has a curve: of two directions."""
+    left = diagnosis.discrepancy
+    return (_NAMELESS,) if left is not None and left.curve else ()
 
 
 def _title(diagnosis: Diagnosis) -> str:

@@ -24,6 +24,14 @@ _RIGHT = "#9a9a9a"
 _FAINT = 0.25
 #: Below zero, zero, above: the middle is grey, so that it is quiet on light and dark paper.
 _SIGNED = LinearSegmentedColormap.from_list("signed", ("#2166ac", "#a9a9a9", "#c22b1f"))
+_WAYS = ((_AFTER, ">"), (str(COLOURS["measured"]), "<"))  # forwards, backwards
+#: What a curve is drawn over, and the kind of its unit.
+_ALONG = {
+    "q": ("position", "position"),
+    "dq": ("speed", "velocity"),
+    "load": ("load", "force"),
+    "drive": ("force of the drive", "force"),
+}
 _SHOWN = 10  # effects of a ranking
 _BESIDE: dict[str, Any] = {
     "textcoords": "offset points",
@@ -194,6 +202,28 @@ def _chosen(diagnosis: Diagnosis) -> list[Ranked]:
     first = [r for r in diagnosis.ranking if r.effect in needed]
     rest = [r for r in diagnosis.ranking if r.effect not in needed]
     return sorted([*first, *rest][:_SHOWN], key=lambda r: -r.closed)
+
+
+def nameless(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw the mean of the force without a name over a signal, forwards and backwards."""
+    left = diagnosis.discrepancy
+    if left is None or not left.curve:
+        raise DataError("there is no force without a name that has a curve")
+    x, *ways = np.array(left.curve).T
+    units = units_of(diagnosis.loop.joint)
+    what, unit = _ALONG[left.along][0], units[_ALONG[left.along][1]]
+    x_factor, x_unit = scaled(x, unit)
+    factor, force_unit = scaled(np.array(ways), left.unit)
+    looks = zip(ways, _WAYS, ("-", "--"), ("forwards", "backwards"), strict=True)
+    for y, (colour, marker), dashes, label in looks:
+        axes.plot(
+            x_factor * x, factor * y, dashes, color=colour, marker=marker, markersize=3, label=label
+        )
+    axes.axhline(0.0, color=_OTHER, linewidth=0.6, zorder=1)
+    within = " within a period" if left.period else ""
+    axes.set_xlabel(f"{what}{within}, {readable(x_unit)}")
+    axes.set_ylabel(f"force without a name, {readable(force_unit)}")
+    legend_above(axes)
 
 
 def before_and_after(axes: Axes, diagnosis: Diagnosis) -> None:

@@ -6,11 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ...loop import ClosedLoop
 from ...workers import one_blas_thread
 from .. import advice, discrepancy, locate, parity, quantify, verdict
 from ..attribute import Attribution, cost, probability
 from ..diagnosis import Diagnosis
+from ..discrepancy import Discrepancy
 from ..fit import Fit, common, gauss_newton, steps
 from ..floor import Measured, masked
 from ..fold import Fold
@@ -18,6 +22,8 @@ from ..preflight import Finding
 from ..rules import AT_CONTROLLER, DESCRIBED, REPEATS, UNNAMED
 from .begun import Begun, Progress, mute
 from .named import named
+
+Array = NDArray[np.float64]
 
 
 @one_blas_thread()
@@ -56,7 +62,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     before, after = cost(result.base), cost(result.held)
     given = len(begun.inspected.checked)  # records, whether they judge or not
     tell = task.described and after > DESCRIBED
-    left = discrepancy.describe(common(result.held), result.laws) if tell else None
+    left = _left(begun, result, fold) if tell else None
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
     bent = repeats >= REPEATS and not shrink.slight(task.tolerance)  # by what has no name
     likely = dict.fromkeys(at_controller, AT_CONTROLLER)
@@ -101,6 +107,17 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         supposed=None if effects else result.supposed,
         places=places,
     )
+
+
+def _left(begun: Begun, result: Attribution, fold: Fold) -> Discrepancy | None:
+    """Return the force that repeats in what is left; it is judged where both records have been."""
+    both = begun.folds[0][-1].fold.both
+
+    def judged(force: Array) -> tuple[float, float]:
+        """Return the force error without and with such a force."""
+        return quantify.beside(begun.measured, result, fold, force, both)
+
+    return discrepancy.describe(common(result.held), judged, result.laws)
 
 
 class _Outcome(NamedTuple):

@@ -23,7 +23,7 @@ from scipy import linalg
 
 from ...linalg.swing import Swing, Swings
 from ...loop import Simulation
-from ...units import JOINTS
+from ...units import JOINTS, prefixed, quantity
 from ...workers import threaded
 from .. import spatial_lines
 from ..fit import Fit, normal
@@ -36,6 +36,7 @@ from ..rules import (
     DISCREPANCY_T,
     EVEN,
     PENALTIES,
+    POSITION_KNOTS,
     UNSHARED,
 )
 from .smooth import OF_USE, Basis, Columns, beside, signals
@@ -43,6 +44,7 @@ from .smooth import OF_USE, Basis, Columns, beside, signals
 Array = NDArray[np.float64]
 Made = TypeVar("Made")
 #: What was made of two fits: by the one on the first fold, with the other one.
+_Curve = tuple[tuple[float, float, float], ...]
 _ByFits = WeakKeyDictionary[Fit, tuple[Fit, Made]]
 
 _NAMES = {
@@ -58,7 +60,19 @@ _NAMES = {
     "wave": "position (periodic)",
     "swing": "the swing of a load",
 }
+#: What is asked of the axis for each of them; "past" is the motion before.
+_SIGNALS = {
+    "state": ("q", "dq"),
+    "gain": ("load", "q", "dq"),
+    "heat": ("dq", "past"),
+    "warm": ("dq", "past"),
+    "wave": ("q", "dq"),
+    "swing": ("ddq", "past"),
+}
+#: Over what the curve of each is drawn, if not over speed.
+_ALONG = {"load": "load", "drive": "drive", **dict.fromkeys(("q", "state", "gain", "wave"), "q")}
 _DIRECTED = {"q", "dq", "load", "state"}  # differ forwards and backwards
+_TOLD = 3  # in a sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,45 +89,96 @@ class Discrepancy:
         of motion as well.
     gain : float
         Share of the whitened energy left that it removes on held-out data.
+    before, after : float
+        The force error without and with it in the model, beside all that is named, N or N m rms:
+        as `Shrink.after`, but where both records have been only. The loop is simulated with the
+        force that the other fold alone gives along this motion; what is finer than its knots is
+        left.
     curve : tuple of (float, float, float)
-        Over the first signal of `over`: its value (SI), and the mean force forwards and backwards.
+        Over the signal `along`: its value (SI), and the mean force forwards and backwards.
+    period : float
+        One that is periodic over position has its curve within a period, m or rad; 0 is none.
     """
 
     rms: float
     unit: str
     over: tuple[str, ...]
     gain: float
-    curve: tuple[tuple[float, float, float], ...]
+    before: float
+    after: float
+    curve: _Curve
+    period: float = 0.0
 
     @property
     def text(self) -> str:
-        """What is there, as a sentence."""
-        over = ", ".join(_NAMES[n] for n in self.over)
-        each_way = " and direction" if _DIRECTED & {*self.over} else ""
+        """What is there, and what any law like it would leave, as a sentence."""
         return (
-            f"a force of {self.rms:.2g} {self.unit} rms repeats over {over}{each_way} and is not "
-            "among the known effects"
+            f"a force of {quantity(self.rms, self.unit, 2)} rms repeats over {self.said} and is "
+            f"not among the known effects; any {self.law} would leave {self.leaves}"
         )
+
+    @property
+    def law(self) -> str:
+        """What kind of law it is one of."""
+        return "law that remembers the motion" if "past" in self.signals else "static law"
+
+    @property
+    def leaves(self) -> str:
+        """What of the force error it leaves, in words."""
+        factor, unit = prefixed(self.before, self.unit)
+        return f"about {factor * self.after:.2g} of {factor * self.before:.2g} {unit} rms"
+
+    @property
+    def along(self) -> str:
+        """The signal of its curve: q, dq, load or drive."""
+        return _ALONG.get(self.over[0], "dq")
+
+    @property
+    def said(self) -> str:
+        """What it depends on, in words, the most telling first."""
+        apart = [n for n in self.over if n not in _SIGNALS["state"] or "state" not in self.over]
+        names = [*dict.fromkeys(_NAMES[n] for n in apart)]
+        told = names[:_TOLD]
+        if len(names) > _TOLD:
+            last = "others"
+        else:
+            last = "direction" if _DIRECTED & {*self.over} else told.pop()
+        return " and ".join(filter(None, (", ".join(told), last)))
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """The signals that it depends on: q, dq, ddq, load, drive, past."""
+        return tuple(dict.fromkeys(s for n in self.over for s in _SIGNALS.get(n, (n,))))
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the discrepancy."""
         return {
             "rms": self.rms,
             "unit": self.unit,
-            "over": list(self.over),
+            "over": list(self.signals),
             "repeats": True,
             "gain": self.gain,
+            "before": self.before,
+            "after": self.after,
             "curve": [list(point) for point in self.curve],
+            "period": self.period,
         }
 
 
-def describe(fits: Sequence[Fit], laws: Laws | None = None) -> Discrepancy | None:
+def describe(
+    fits: Sequence[Fit],
+    judged: Callable[[Array], tuple[float, float]],
+    laws: Laws | None = None,
+) -> Discrepancy | None:
     """Return the force that repeats in what two fits leave; None if there is none.
 
     Parameters
     ----------
     fits : sequence of Fit
         The model with all that is named, on each fold.
+    judged : callable
+        Returns the force error of that model, N or N m rms, without and with a force along the
+        record of the last fold.
     laws : Laws, optional
         Made along the motion of a model much like it; without them, along its own.
     """
@@ -128,8 +193,9 @@ def describe(fits: Sequence[Fit], laws: Laws | None = None) -> Discrepancy | Non
     if whole < DISCREPANCY_SIZE * min(f.force_rms for f in fits):
         return None
     unit = JOINTS[fits[0].loop.joint].force
-    curve = _curve(laws.basis, found.over[0], laws.runs, forces)
-    return Discrepancy(whole, unit, found.over, found.gain, curve)
+    period, curve = _curve(laws.basis, found, laws.runs, forces)
+    before, after = judged(found.from_other()[-1])
+    return Discrepancy(whole, unit, found.over, found.gain, before, after, curve, period)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,19 +316,25 @@ class Spline:
         Whitened error that the spline of either fold leaves on the other one.
     force : callable, optional
         Returns what it is on each fold, from both together, N or N m, (n_samples,) each.
+    from_other : callable, optional
+        Returns what it is on each fold, from the other one alone, N or N m, (n_samples,) each.
     rest : callable, optional
         Returns what is left of an error on each fold, (n_kept,), if the spline is fitted to it.
     even : callable, optional
         Returns how much of a force over one signal is the same forwards and backwards, of its
         variance, 0 to 1.
+    periods : tuple of float
+        Of waves over position, m or rad.
     """
 
     over: tuple[str, ...]
     gain: float
     left: tuple[Array, ...]
     force: Callable[[], tuple[Array, ...]] = tuple
+    from_other: Callable[[], tuple[Array, ...]] = tuple
     rest: Callable[[Sequence[Array]], Sequence[Array]] = list
     even: Callable[[], float] = lambda: 1.0
+    periods: tuple[float, ...] = ()
 
     @property
     def of_place(self) -> bool:
@@ -442,7 +514,7 @@ class _Search:
     """
 
     def __init__(self, fits: Sequence[Fit], laws: Laws) -> None:
-        periods = _periods(fits, laws.runs)
+        self.periods = periods = _periods(fits, laws.runs)
         swings = tuple(threaded(_swing, fits, laws.swings))
         basis = replace(laws.basis, periods=periods, swings=swings)
         parts = _alike([{"wave": basis.waves(r), "swing": basis.swinging(r)} for r in laws.runs])
@@ -491,7 +563,8 @@ class _Search:
         """Return what a step leaves."""
         left = tuple(e + a for e, a in zip(self.rests, step.answers, strict=True))
         rest, even = partial(self.rest, step), partial(self.even, step)
-        return Spline(step.over, step.gain, left, lambda: self.force(step), rest, even)
+        force, other = partial(self.force, step), partial(self.from_other, step)
+        return Spline(step.over, step.gain, left, force, other, rest, even, self.periods)
 
     def rest(self, step: _Step, errors: Sequence[Array]) -> Sequence[Array]:
         """Return what a spline over the signals of a step leaves of errors on each fold, (n_kept,).
@@ -510,12 +583,18 @@ class _Search:
 
     def force(self, step: _Step) -> tuple[Array, ...]:
         """Return what fits both folds at once, on each, N or N m, (n_samples,)."""
-        if not step.over:
-            return tuple(np.zeros(len(shared)) for shared, _ in self.forces)
-        beta = self._beta(step)
+        return self._forces([self._beta(step)] * len(self.forces))
+
+    def from_other(self, step: _Step) -> tuple[Array, ...]:
+        """Return what fits either fold, on the other one, N or N m, (n_samples,)."""
+        betas = [self._beta(step, [k]) for k in range(len(self.forces))]
+        return self._forces(betas[::-1])
+
+    def _forces(self, betas: Sequence[Array]) -> tuple[Array, ...]:
+        """Return the forces of coefficients on each fold, N or N m, (n_samples,)."""
         return tuple(
             shared @ beta[: shared.shape[1]] + own @ beta[shared.shape[1] :]
-            for shared, own in self.forces
+            for (shared, own), beta in zip(self.forces, betas, strict=True)
         )
 
     def even(self, step: _Step) -> float:
@@ -527,13 +606,15 @@ class _Search:
         one, two = float(np.var(size)), float(np.var(sign))
         return one / max(one + two, 1e-300)
 
-    def _beta(self, step: _Step) -> Array:
-        """Return the coefficients that fit both folds at once, 0 of columns without a part."""
-        rows = self._rows(step.over)
-        one, two = (a[np.ix_(rows, rows)] for a in self.squares)
-        R = self._penalty(step.over, step.penalty)
+    def _beta(self, step: _Step, folds: Sequence[int] = (0, 1)) -> Array:
+        """Return the coefficients that fit folds at once, 0 of columns without a part."""
         beta = np.zeros(len(self.sides[0]))
-        beta[rows] = _solved(one + two + R, -self.sides[0][rows] - self.sides[1][rows])
+        if not step.over:
+            return beta
+        rows = self._rows(step.over)
+        R = self._penalty(step.over, step.penalty)
+        A = np.sum([self.squares[k][np.ix_(rows, rows)] for k in folds], axis=0)
+        beta[rows] = _solved(A + R, -np.sum([self.sides[k][rows] for k in folds], axis=0))
         return beta
 
     def _best(self, over: tuple[str, ...]) -> _Tried:
@@ -589,23 +670,34 @@ def _beyond(x: Array, base: Array) -> Array:
 
 
 def _curve(
-    basis: Basis,
-    name: str,
-    runs: Sequence[Simulation],
-    forces: Sequence[Array],
-) -> tuple[tuple[float, float, float], ...]:
-    """Return the mean force at the knots of one signal, forwards and backwards."""
-    by_place = name in ("q", "state", "gain", "wave")
-    name = "q" if by_place else name if name in ("load", "drive") else "dq"
+    basis: Basis, found: Spline, runs: Sequence[Simulation], forces: Sequence[Array]
+) -> tuple[float, _Curve]:
+    """Return the mean force at the knots of one signal, forwards and backwards, and a period.
+
+    Of the periods of one that is periodic over position, the one that shows most of it.
+    """
+    name = _ALONG.get(found.over[0], "dq")
     kinds = dict(zip(("q", "dq", "load"), signals(runs), strict=True))
     kinds["drive"] = kinds["load"]
     x = np.concatenate([s[:, 0] for s in kinds[name]])
-    hats = basis.hats(name, x if name == "q" else np.abs(x))
+    x = x if name == "q" else np.abs(x)
     ahead = np.concatenate([r.dq[:, 0] for r in runs]) > 0.0
     force = np.concatenate(forces)
+    if found.over[0] != "wave":
+        return 0.0, _means(basis.knots[name], x, ahead, force)
+    grids = [np.linspace(0.0, p, POSITION_KNOTS) for p in found.periods]
+    curves = [_means(grid, x % grid[-1], ahead, force) for grid in grids]
+    sizes = [float(np.mean(np.square(curve)[:, 1:])) for curve in curves]
+    best = int(np.argmax(sizes))
+    return found.periods[best], curves[best]
+
+
+def _means(knots: Array, x: Array, ahead: NDArray[np.bool_], force: Array) -> _Curve:
+    """Return the mean force near each knot, while the axis goes ahead and while it does not."""
+    hats = Basis({"x": knots}).hats("x", x)
     weight = [hats[rows].sum(axis=0) for rows in (ahead, ~ahead)]
     mean = [hats[rows].T @ force[rows] / np.maximum(w, 1e-300)
             for rows, w in zip((ahead, ~ahead), weight, strict=True)]  # fmt: skip
     seen = (weight[0] > 0.0) & (weight[1] > 0.0)
-    points = np.column_stack([basis.knots[name], *mean])[seen]
+    points = np.column_stack([knots, *mean])[seen]
     return tuple((float(k), float(a), float(b)) for k, a, b in points)
