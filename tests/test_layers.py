@@ -24,6 +24,7 @@ ORDER = [
         "mat_child",
         "registry",
         "tables",
+        "trapezoids",
         "units",
     ),
     ("csv_layout", "resume", "workers"),
