@@ -12,6 +12,7 @@ from ivtools.gap import parity, preflight
 from ivtools.gap.page import effects_text
 from ivtools.gap.preflight import plausible
 from ivtools.loop import Controller
+from ivtools.units import parse
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 SAMPLES = 8000
@@ -273,7 +274,7 @@ def test_two_records_of_one_axis_are_a_pair(emps, emps_pulses):
 @pytest.mark.parametrize("joint, unit", [(j, u) for j, us in plausible._UNITS.items() for u in us])
 def test_a_hint_knows_the_unit(twin, loop, joint, unit):
     """Of whatever is larger or smaller than the SI unit."""
-    times = plausible._UNITS[joint][unit]
+    times = 1.0 / parse(unit).factor
     assert f"in {unit}" in plausible.looks_like(1.05 / times, joint, "q")
     axis, other = replace(loop, joint=joint), scaled(twin, times, "q", "q_ref")
     assert f"in {unit}" in plausible.wrong_unit(other, axis, parity.check(other, axis))
