@@ -12,6 +12,7 @@ from ivtools.gap import parity, preflight
 from ivtools.gap.page import effects_text
 from ivtools.gap.preflight import plausible
 from ivtools.loop import Controller
+from ivtools.loop.controllers import Seen
 from ivtools.units import parse
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -176,7 +177,8 @@ def test_a_blocked_axis_is_said(twin, loop):
     noise = 5e-8 * np.random.default_rng(0).normal(0.0, 1.0, (SAMPLES, 1))
     law = loop.controller.law(twin.dt)
     q = 0.1 * np.abs(noise) / np.max(np.abs(noise)) * 1e-3 + twin.q_ref[0]
-    nu = np.clip(law(twin.q_ref[:, 0], np.gradient(twin.q_ref[:, 0], twin.dt), q[:, 0]), -10, 10)
+    seen = Seen.of(loop.controller, twin.replace(q=q), twin.nu).inputs
+    nu = np.clip(law.command(seen, law.settled(seen[0])), -10, 10)
     assert "blocked or not enabled" in refusal(twin.replace(q=q, nu=nu), loop)
 
 
