@@ -22,6 +22,7 @@ from ivtools.errors import DataError
 from ivtools.record import Record
 from ivtools.record_format import RecordFormat
 from ivtools.registry import REGISTRY, DataSet
+from ivtools.trapezoids import trapezoid
 
 __all__ = [
     "REGISTRY",
@@ -256,16 +257,9 @@ def _moves(t: np.ndarray) -> np.ndarray:
     for stroke, speed in zip(strokes, speeds, strict=True):
         ramp, cruise = speed / acceleration, stroke / speed
         for sign in (1.0, -1.0):
-            # the integral of a trapezoid: a box of length `cruise` smoothed over `ramp`
-            rise = _smooth_step(t - start, ramp) - _smooth_step(t - start - cruise, ramp)
-            position += sign * speed * rise
+            position += trapezoid(t - start, sign * speed, ramp, cruise)
             start += cruise + ramp
     return position  # which has just come to rest: a motion cut off spoils the filters
-
-
-def _smooth_step(t: np.ndarray, ramp: float) -> np.ndarray:
-    """Return the integral of a velocity that rises from 0 to 1 within ``ramp`` seconds."""
-    return np.where(t < ramp, 0.5 * np.clip(t, 0.0, ramp) ** 2 / ramp, t - 0.5 * ramp)
 
 
 def _known() -> str:

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ivtools import axes, datasets
+from ivtools import axes, datasets, plots
 from ivtools.comparison import Comparison, compare
+from ivtools.display import Displayed
 from ivtools.estimators.base import estimator_class
 from ivtools.gap import Diagnosis, diagnose
 from ivtools.pages import add_simulation, force_chart
@@ -17,6 +18,8 @@ from ivtools.report import Card, Page, Picture
 from ivtools.tables import Text, rounded, table
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ivtools.results import FitResults
 
 #: What the demo does, in order: methods with symmetric and with asymmetric friction.
@@ -36,8 +39,8 @@ LEAD = (
 )
 
 
-@dataclass(frozen=True)
-class Demo:
+@dataclass(frozen=True, repr=False)
+class Demo(Displayed):
     """What the demo found.
 
     Attributes
@@ -84,6 +87,19 @@ class Demo:
         yield self.comparison.summary()
         yield self.diagnosis.summary()
 
+    def summary(self) -> Text:
+        """Return these tables one below the other."""
+        tables = list(self.tables())
+        return Text("\n\n".join(tables), "".join(table.html for table in tables))
+
+    def plot(self, **options: Any) -> Figure:
+        """Draw the estimates with their intervals, and the true values."""
+        return plots.parameters(self.best, truth=self.problem.record.theta_true, **options)
+
+    def page(self) -> Page:
+        """Return the page of the demo."""
+        return page(self)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the content as plain objects, ready for JSON."""
         return {
@@ -122,13 +138,10 @@ def demo(progress: Callable[[str], object] = str) -> Demo:
 
 def page(result: Demo) -> Page:
     """Return the page of a demo."""
-    from ivtools import plots
     from ivtools.plots import gap as figures
 
-    record = result.problem.record
     out = Page("An axis identified: the ivtools demo", LEAD, card(result))
     caption = "Estimates with 95 % intervals, true values dashed."
-    estimates = plots.parameters(result.best, truth=record.theta_true)
     out.add(
         "Estimates against the truth",
         "The friction model is that of the truth: one viscous and one Coulomb coefficient per "
@@ -137,7 +150,7 @@ def page(result: Demo) -> Page:
         "(IDIM-BCIV) and input error (DIDIM) compare the record with a simulation that makes the "
         "same error.",
         tables=[result.truth()],
-        figures=[Picture("parameters", estimates, caption)],
+        figures=[Picture("parameters", result.plot(), caption)],
     )
     symmetric, asymmetric = result.fits[0], result.best[0]
     limits = inner_limits(symmetric.resids)

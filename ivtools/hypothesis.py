@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ivtools.display import Displayed
+from ivtools.tables import WIDTH, Text
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 @dataclass(frozen=True)
-class TestResult:
+class TestResult(Displayed):
     """Outcome of a statistical test, or the reason why it does not apply.
 
     Attributes
@@ -34,6 +38,9 @@ class TestResult:
     """
 
     __test__ = False  # not a test for pytest
+    content: ClassVar[tuple[str, ...]] = (
+        "name", "statistic", "pvalue", "df", "distribution", "null", "reason",
+    )  # fmt: skip
 
     name: str
     null: str
@@ -48,17 +55,9 @@ class TestResult:
         """Whether there is a statistic."""
         return self.statistic is not None
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the content as plain objects, ready for JSON."""
-        return {
-            "name": self.name,
-            "statistic": self.statistic,
-            "pvalue": self.pvalue,
-            "df": list(self.df),
-            "distribution": self.distribution,
-            "null": self.null,
-            "reason": self.reason,
-        }
+    def summary(self) -> Text:
+        """Return the outcome in lines of at most 80 characters."""
+        return Text("\n".join(wrap(repr(self), WIDTH, subsequent_indent="  ")))
 
     def __repr__(self) -> str:
         if self.statistic is None:

@@ -29,11 +29,12 @@ if TYPE_CHECKING:
 
     Table = dict[str, NDArray[np.float64]]
 
-__all__ = ["SUFFIXES", "frame_table", "preamble", "read_table"]
+__all__ = ["IN_FOLDERS", "SUFFIXES", "frame_table", "preamble", "read_table"]
 
 #: The variables of the EMPS files, ours = theirs.
 EMPS = {"q": "qm", "q_ref": "qg", "nu": "vir", "added": "pulses_N"}
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log")
+_BINARY = (".parquet", ".mat")
 _PIECE = 1_000_000  # numbers read at a time
 _TIMES = ("s", "ms", "us", "µs", "ns", "min", "h")
 _SPARE = 1_000_000  # lines and bytes that a file may have beside its numbers
@@ -41,7 +42,8 @@ _PER_NUMBER = 100  # bytes of text, on average
 _MOSTLY = 0.9  # of the cells of a column of numbers that are one
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:[,'\u2019\u00a0\u202f ]\d{3})+(?:\.\d*)?")
 _PATIENCE = 15.0  # s that a damaged MATLAB file may take, and what its size takes beside
-SUFFIXES = (*_TEXT, *(f"{suffix}.gz" for suffix in _TEXT), ".parquet", ".mat")
+SUFFIXES = (*_TEXT, *(f"{suffix}.gz" for suffix in _TEXT), *_BINARY)
+IN_FOLDERS = (".csv", ".csv.gz", *_BINARY)  # of the records there; other text may be more
 
 
 def read_table(
@@ -93,7 +95,7 @@ def preamble(path: Path) -> tuple[str, ...]:
     from ivtools.csv_layout import sniff
 
     path, suffix = _checked(path)
-    return () if suffix in (".mat", ".parquet") else sniff(path).preamble
+    return () if suffix in _BINARY else sniff(path).preamble
 
 
 def _checked(path: Path) -> tuple[Path, str]:

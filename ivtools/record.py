@@ -22,6 +22,7 @@ from ivtools.untidy import continuous, usable
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["SIGNALS", "Record"]
@@ -356,11 +357,11 @@ class Record:
         _set(part, "theta_true", None)
         return part
 
-    def plot(self, joint: int = 0) -> object:
+    def plot(self, joint: int = 0, **options: Any) -> Figure:
         """Return the figure of what was logged of a joint, counted from 0."""
         from ivtools.plots.record import record
 
-        return record(self, joint)
+        return record(self, joint, **options)
 
     def __repr__(self) -> str:
         joints = f"{self.n_joints} joint{'s' if self.n_joints > 1 else ''}, "

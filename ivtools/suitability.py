@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from .columns import UNITS
+from .display import Displayed
 from .errors import IVToolsError
 from .gap.parity import Parity
 from .gap.parity import check as check_parity
@@ -17,7 +18,6 @@ from .units import JOINTS, quantity
 
 if TYPE_CHECKING:
     from .loop import ClosedLoop
-    from .plots.style import Sheet
     from .record import Record
 
 _SHORT, _POOR_R2, _STILL, _LINES = 5.0, 0.98, 0.01, 20
@@ -25,8 +25,8 @@ _CONDITION = 300.0
 _PERIODS = 20  # of the loop's mode that a record should last
 
 
-@dataclass(frozen=True, eq=False)
-class Suitability:
+@dataclass(frozen=True, eq=False, repr=False)
+class Suitability(Displayed):
     """What a log is like, before anything is estimated from it.
 
     Attributes
@@ -39,6 +39,8 @@ class Suitability:
     advice : tuple of str
         What to mend or to record instead.
     """
+
+    figure: ClassVar[str] = "record.in_units"
 
     record: Record
     loop: ClosedLoop
@@ -63,12 +65,6 @@ class Suitability:
         r2 = None if self.parity is None else 1.0 - self.parity.before**2
         return {"parity_r2": r2, "rows": rows, "advice": list(self.advice),
                 "sufficient": self.sufficient}  # fmt: skip
-
-    def plot(self) -> Sheet:
-        """Return the figure of the record."""
-        from .plots.record import record
-
-        return record(self.record, kind=self.loop.joint)
 
 
 def suitability(record: Record, loop: ClosedLoop) -> Suitability:

@@ -31,6 +31,12 @@ def simulated(controller: Controller, quantum: float = 1e-6) -> Record:
 # --- the law ----------------------------------------------------------------------------------
 
 
+def commanded(law, q_ref, dq_ref, q):
+    """The command of a law along a trajectory, (n_samples,), settled at first."""
+    inputs = np.column_stack([q_ref, dq_ref, np.zeros(len(q)), q, law.velocity(q)])
+    return law.command(inputs, law.settled(inputs[0]))
+
+
 def test_the_cascade_is_what_it_says():
     rng = np.random.default_rng(0)
     q_ref, q = rng.normal(size=(2, 50))
@@ -38,7 +44,7 @@ def test_the_cascade_is_what_it_says():
     smooth = 0.5 * (q[1:] + q[:-1])
     dq = np.diff(smooth, prepend=np.nan) / 0.1
     expected = 2.0 * (3.0 * (q_ref - q)[1:] - dq)
-    assert law(q_ref, np.zeros(50), q)[2:] == pytest.approx(expected[1:])
+    assert commanded(law, q_ref, np.zeros(50), q)[2:] == pytest.approx(expected[1:])
 
 
 @pytest.mark.parametrize(
@@ -56,7 +62,7 @@ def test_the_others_are_what_they_say(controller, expected):
     t = np.arange(50) * 0.1
     q_ref, q = np.sin(t), 0.9 * np.sin(t - 0.1)
     dq = np.diff(q, prepend=q[0]) / 0.1
-    nu = controller.law(0.1)(q_ref, np.cos(t), q)
+    nu = commanded(controller.law(0.1), q_ref, np.cos(t), q)
     assert nu[1:] == pytest.approx(expected(q_ref - q, np.cos(t) - dq)[1:])
 
 
@@ -68,7 +74,7 @@ def test_a_state_space_law_follows_its_matrices():
     for r, y in zip(q_ref, q, strict=True):
         expected.append(2.0 * x + 0.3 * r + 0.1 * y)
         x = 0.5 * x + r - y
-    assert law(q_ref, np.zeros(20), q) == pytest.approx(expected)
+    assert commanded(law, q_ref, np.zeros(20), q) == pytest.approx(expected)
 
 
 def test_scaling_and_mismatch_change_the_output_as_stated():

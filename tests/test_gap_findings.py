@@ -12,6 +12,8 @@ from ivtools.gap import parity, preflight
 from ivtools.gap.page import effects_text
 from ivtools.gap.preflight import plausible
 from ivtools.loop import Controller
+from ivtools.loop.controllers import Seen
+from ivtools.units import parse
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 SAMPLES = 8000
@@ -175,7 +177,8 @@ def test_a_blocked_axis_is_said(twin, loop):
     noise = 5e-8 * np.random.default_rng(0).normal(0.0, 1.0, (SAMPLES, 1))
     law = loop.controller.law(twin.dt)
     q = 0.1 * np.abs(noise) / np.max(np.abs(noise)) * 1e-3 + twin.q_ref[0]
-    nu = np.clip(law(twin.q_ref[:, 0], np.gradient(twin.q_ref[:, 0], twin.dt), q[:, 0]), -10, 10)
+    seen = Seen.of(loop.controller, twin.replace(q=q), twin.nu).inputs
+    nu = np.clip(law.command(seen, law.settled(seen[0])), -10, 10)
     assert "blocked or not enabled" in refusal(twin.replace(q=q, nu=nu), loop)
 
 
@@ -273,7 +276,7 @@ def test_two_records_of_one_axis_are_a_pair(emps, emps_pulses):
 @pytest.mark.parametrize("joint, unit", [(j, u) for j, us in plausible._UNITS.items() for u in us])
 def test_a_hint_knows_the_unit(twin, loop, joint, unit):
     """Of whatever is larger or smaller than the SI unit."""
-    times = plausible._UNITS[joint][unit]
+    times = 1.0 / parse(unit).factor
     assert f"in {unit}" in plausible.looks_like(1.05 / times, joint, "q")
     axis, other = replace(loop, joint=joint), scaled(twin, times, "q", "q_ref")
     assert f"in {unit}" in plausible.wrong_unit(other, axis, parity.check(other, axis))

@@ -34,7 +34,6 @@ HARMLESS = {
     "floor/floor.py": {9.0},  # of Wilson, Hilferty
     "page.py": {0.1, 10.0},  # digits of a share
     "parity.py": {1e-3},  # a finite difference
-    "preflight/plausible.py": {39.37, 180.0, 1e3, 1e6},  # units
     "verdict/answer.py": {0.01},  # per cent
 }
 SECONDS = 16.0

@@ -24,6 +24,7 @@ ORDER = [
         "mat_child",
         "registry",
         "tables",
+        "trapezoids",
         "units",
     ),
     ("csv_layout", "resume", "workers"),
@@ -57,19 +58,16 @@ ORDER = [
 RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}
 #: Methods that open a room to the right when they are called; nothing else may.
 LATE = {
-    ("suitability", "plots"): "suitability.plot()",
     ("datasets", "axes"): "twin() is simulated by the loop of a registered axis",
     ("hypothesis", "inference"): "results offer their own tests",
     ("loop", "simulators"): "ClosedLoop.from_mjcf()",
     ("record", "plots"): "record.plot()",
-    ("loop", "plots"): "simulation.plot()",
     ("display", "plots"): "plot() of every result",
     ("display", "report"): "to_html() of every result",
     ("comparison", "plots"): "a comparison draws whichever results it has",
     ("study", "plots"): "the figures of score.page()",
     ("study", "report"): "score.page()",
     ("gap", "plots"): "diagnosis.plot()",
-    ("excitation", "plots"): "excitation.plot()",
     ("gap", "report"): "diagnosis.to_html()",
 }
 
@@ -150,7 +148,7 @@ def test_every_kind_of_import_is_seen(tmp_path, monkeypatch):
     file.write_text(
         "import ivtools.cli\nfrom ivtools import plots\nfrom ..gap import screen\n"
         "from . import controllers\nfrom .. import study\nimport numpy\n"
-        "def f():\n    from ivtools.report import page\n    from ..plots import simulation\n"
+        "def f():\n    from ivtools.report import page\n    from ..simulators import mjcf\n"
         "if TYPE_CHECKING:\n    from ivtools.problem import Problem\n"
     )
     found = {(i.target, i.late, allowed(i)) for i in imports(file)}
@@ -160,7 +158,7 @@ def test_every_kind_of_import_is_seen(tmp_path, monkeypatch):
         ("gap", False, False),
         ("study", False, False),
         ("report", True, False),
-        ("plots", True, True),
+        ("simulators", True, True),
     }
 
 

@@ -8,7 +8,7 @@ import pytest
 import ivtools as iv
 from ivtools.errors import DataError, IVToolsError, RecordError
 from ivtools.gap.simulator import confirm
-from ivtools.simulators.difference import difference, together
+from ivtools.simulators.difference import difference, homed, together
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 
@@ -121,6 +121,30 @@ def test_logs_of_another_rate_and_length_are_brought_together(loop, short):
     assert one.n_samples == two.n_samples == 9000 and len(notes) == 1
     assert np.allclose(two.q, sim.q[:9000], atol=1e-5)
     assert "was brought to the record's instants" in notes[0]
+
+
+@pytest.mark.parametrize(
+    "own, added",
+    [
+        ({}, 0.0),
+        ({"feedforward": {"acceleration": 2.0, "velocity": 5.0, "coulomb": 0.5}}, 0.0),
+        ({"feedforward": {"gravity": 1.0}}, 0.0),
+        ({"limit": 0.6}, 0.0),
+        ({"delay": 3}, 0.0),
+        ({}, 1.5),
+    ],
+    ids=["law", "feed-forward", "constant", "limit", "delay", "added"],
+)
+@pytest.mark.parametrize("away", [2e-3, 2e-5, 0.0])
+def test_a_position_counted_from_elsewhere_is_told_by_all_that_the_law_sees(
+    loop, short, own, added, away
+):
+    axis = replace(loop, controller=replace(loop.controller, **own))
+    pulses = added * np.sign(np.sin(3.0 * short.t))
+    done = axis.simulate(short.replace(added=pulses), THETA)
+    sim = done.to_record("log", q_ref=short.q_ref, added=pulses)
+    home, notes = homed(sim, sim.replace(q=sim.q + away), axis)
+    assert np.allclose(home.q, sim.q, atol=1e-9) and len(notes) == (away > 0.0)
 
 
 @pytest.mark.parametrize("factor, unit", [(1e3, "mm"), (180 / np.pi, "degrees"), (1e-3, "km")])

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from ivtools.loop import ClosedLoop
     from ivtools.record import Record
 
-FOLDERS = (".csv", ".csv.gz", ".parquet", ".mat")  # of the records of a folder; text may be more
-
 
 def diagnose(
     records: Annotated[
@@ -239,8 +237,10 @@ def _expanded(records: list[str]) -> tuple[list[str], bool]:
     several = len(records) > 1
     for given in records:
         if Path(given).is_dir():
-            found = sorted(str(f) for f in Path(given).iterdir() if f.name.endswith(FOLDERS))
-            several, rule = True, f"a folder of records holds {', '.join(FOLDERS)} files"
+            from ivtools.readers import IN_FOLDERS
+
+            found = sorted(str(f) for f in Path(given).iterdir() if f.name.endswith(IN_FOLDERS))
+            several, rule = True, f"a folder of records holds {', '.join(IN_FOLDERS)} files"
         elif glob.has_magic(given) and not Path(given).exists():
             found, rule = sorted(glob.glob(given)), "name a file, or another pattern"
         else:

@@ -128,9 +128,10 @@ def _loop_and_limits(model: Path, file: Path | None) -> tuple[Any, Limits]:
     from ivtools.cli.robot import read_model
     from ivtools.excitation import Limits
     from ivtools.loop import ClosedLoop, Controller, RobotLoop
+    from ivtools.robot.mjcf import SUFFIXES
 
     tables: dict[str, Any] = {} if file is None else _tables(file)
-    if model.suffix in (".urdf", ".xml", ".mjcf"):
+    if model.suffix in (".urdf", *SUFFIXES):
         robot = read_model(model)
         axis = ClosedLoop(Controller("none", {}), 1.0, _TERMS, joint="revolute")
         loop: Any = RobotLoop(robot, [axis] * robot.n_joints)

@@ -107,10 +107,11 @@ def _seen_from(file: Path | None, model: Path) -> str:
 def read_model(model: Path, joints: str | None = None) -> Robot:
     """Return the robot of a URDF or MJCF file."""
     from ivtools.robot import Robot
+    from ivtools.robot.mjcf import SUFFIXES
 
     if not model.exists():
         raise AxisError(f"{model}: there is no such file; give a URDF or MJCF file")
     names = joints.replace(",", " ").split() if joints else None
-    if model.suffix in (".xml", ".mjcf"):
+    if model.suffix in SUFFIXES:
         return Robot.from_mjcf(model, names)
     return Robot.from_urdf(model, names)

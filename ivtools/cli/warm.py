@@ -40,9 +40,8 @@ def _law() -> None:
 
     from ivtools.loop import Controller
 
-    q_ref = np.sin(np.linspace(0.0, 6.0, 400))
-    law = Controller("pid", {"kp": 1.0, "ki": 1.0, "kd": 0.1}).law(1e-3)
-    law(q_ref, np.gradient(q_ref, 1e-3), 0.9 * q_ref)
+    law, inputs = Controller("pid", {"kp": 1.0, "ki": 1.0, "kd": 0.1}).law(1e-3), np.ones((400, 5))
+    law.command(inputs, law.settled(inputs[0]))
 
 
 def _transfer_function() -> None:

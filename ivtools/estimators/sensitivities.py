@@ -160,7 +160,11 @@ class SimulatedSignal:
 
 
 def scales(problem: Problem) -> dict[str, float]:
-    """Return what a parameter's search values are multiples of, SI, by `Parameter.scale`."""
+    """Return what a parameter's search values are multiples of, SI, by `Parameter.scale`.
+
+    Those of the measured motion, of one fit; those of the reference, with the dry friction that
+    the axis states, are `gap.library.Scales`.
+    """
     record, force = problem.record, float(np.sqrt(np.mean(problem.force**2)))
     stroke = float(np.ptp(record.q))
     return {
@@ -186,6 +190,8 @@ def natural(parameter: Parameter, sizes: Mapping[str, float]) -> float:
 
 def scans(problem: Problem, names: Sequence[str], limit: int = 60) -> Iterator[dict[str, float]]:
     """Yield starting values of the parameters that the force is not linear in.
+
+    Of a whole loop, as it states them where it does; `gap.library.scans` has those of one effect.
 
     Parameters
     ----------

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..display import Displayed, plain
 from ..pipeline import Motion
 from ..tables import Text, table
 from .limits import Limits
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Excitation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Excitation(Displayed):
     """A reference within limits.
 
     Parameters
@@ -39,6 +41,8 @@ class Excitation:
     settings : mapping
         How it was found.
     """
+
+    figure: ClassVar[str] = "excitation.excitation"
 
     t: Array
     motion: Motion
@@ -77,14 +81,10 @@ class Excitation:
         """Return the reference as csv."""
         return str(self.frame().to_csv(index=False, float_format="%.9g", lineterminator="\n"))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Any:
         """Return what was found as plain objects, ready for JSON."""
-        return {
-            "kind": self.kind,
-            "condition_number": self.condition,
-            **self.settings,
-            "joints": self.used(),
-        }
+        found = {"kind": self.kind, "condition_number": self.condition}
+        return plain({**found, **self.settings, "joints": self.used()})
 
     def summary(self) -> Text:
         """Return what each joint makes use of, beside its limits."""
@@ -116,7 +116,7 @@ class Excitation:
         title = f"Excitation, {self.kind}: {len(self.t)} samples, {self.t[-1]:.4g} s"
         return table(title, lines, header, rows, notes, left=1)
 
-    def plot(self, kind: str | None = None) -> Any:
+    def plot(self, kind: str | None = None, **options: Any) -> Figure:
         """Draw position, velocity and effort of every joint over time.
 
         Parameters
@@ -124,6 +124,4 @@ class Excitation:
         kind : {"prismatic", "revolute"}, optional
             Of all joints: says the units.
         """
-        from ..plots.excitation import excitation
-
-        return excitation(self, kind=kind)
+        return super().plot(kind=kind, **options)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..errors import AxisError
 from ..loop import ClosedLoop
 from ..pipeline import Motion
+from ..trapezoids import trapezoid
 from .excitation import Excitation
 from .information import Information
 from .limits import Limits
@@ -74,12 +75,9 @@ def _move(distance: float, speed: float, acceleration: float, dt: float) -> Arra
     """Return a move from rest to rest at a speed, positions from 0, as fast as it may."""
     size = abs(distance)
     top = min(speed, np.sqrt(acceleration * size))
-    rise, cruise = top / acceleration, size / top - top / acceleration
-    t = np.arange(int(np.ceil((2.0 * rise + cruise) / dt)) + 1) * dt
-    left = np.maximum(2.0 * rise + cruise - t, 0.0)
-    up = 0.5 * acceleration * np.minimum(t, rise) ** 2 + top * np.clip(t - rise, 0.0, cruise)
-    q = np.where(t <= rise + cruise, up, size - 0.5 * acceleration * np.minimum(left, rise) ** 2)
-    return np.sign(distance) * np.minimum(q, size)
+    ramp, level = top / acceleration, size / top - top / acceleration
+    t = np.arange(np.ceil((2.0 * ramp + level) / dt) + 1.0) * dt
+    return np.sign(distance) * np.minimum(trapezoid(t, top, ramp, ramp + level), size)
 
 
 def _chained(moves: list[Array], start: float, n: int, dt: float) -> Array:

@@ -21,7 +21,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Scales:
-    """Natural sizes of an axis, from its record: what a search measures parameters in."""
+    """Natural sizes of an axis, from its record: what a search measures parameters in.
+
+    Those of its reference, with the dry friction that the axis states; those of the measured
+    motion, of one fit, are `estimators.sensitivities.scales`.
+    """
 
     record: Record
     loop: ClosedLoop
@@ -174,7 +178,10 @@ def library(
 
 
 def scans(term: Term, scales: Scales, limit: int = MOST_SCANS) -> list[dict[str, float]]:
-    """Return starting values of the parameters the force is not linear in, by short name."""
+    """Return starting values of the parameters the force is not linear in, by short name.
+
+    Of one effect that may be missing; `estimators.sensitivities.scans` has those of a whole loop.
+    """
     grids = _grids(term, scales)
     return [
         dict(zip(grids, point, strict=True)) for point in islice(product(*grids.values()), limit)

@@ -19,7 +19,6 @@ from ..errors import IVToolsError
 from ..linalg import block_covariance
 from ..loop import ClosedLoop, Controller
 from ..loop.controllers import Seen
-from ..loop.controllers.law import clipped
 from ..loop.identification import ControllerFit
 from ..record import Record
 from .rules import (
@@ -279,17 +278,9 @@ class Signals:
         return law.command(seen.inputs, law.settled(seen.inputs[0]))
 
     def law(self, controller: Controller, delay: int) -> Array:
-        """Return the same, late by whole samples, before its limit, (n,).
-
-        What the law's own states were when the record began, only the record can tell.
-        """
+        """Return the same from where the record began, late by whole samples, unlimited, (n,)."""
         law, seen = controller.law(self.dt), self.seen(controller)
-        n = len(self.command) - delay
-        inputs, own = seen.inputs[:n], seen.command[delay:]
-        side = clipped(own, self.least)
-        start = law.began(inputs, own, side, self.limit)
-        nu = law.command(inputs, start, side, self.limit)
-        return np.concatenate([np.full(delay, nu[0]), nu])
+        return seen.expected(law, delay, self.limit, self.least)
 
     def error(self, controller: Controller, delay: int, added: float) -> Array:
         """Return recorded minus expected command, (n,)."""

@@ -8,11 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..columns import UNITS, plain_name
+from ..display import Displayed
 from ..errors import DataError, IVToolsError, IVToolsWarning, RecordError
 from ..loop import ClosedLoop
 from ..loop.controllers import Controller
@@ -46,8 +48,8 @@ _MEANS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class FirstAxis:
+@dataclass(frozen=True, eq=False, repr=False)
+class FirstAxis(Displayed):
     """What a log says about its axis.
 
     Attributes
@@ -64,6 +66,8 @@ class FirstAxis:
     doubts : tuple of str
         What to check or to add.
     """
+
+    figure: ClassVar[str] = "record.in_units"
 
     path: Path
     record: Record
@@ -125,7 +129,7 @@ class FirstAxis:
         lines = [_commented(line, loop) for line in loop.to_toml().splitlines()]
         return "\n".join([*head, "", *lines]) + "\n"
 
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the JSON of `ivtools axis new`."""
         return {
             "columns": dict(self.roles.columns),

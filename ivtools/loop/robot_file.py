@@ -13,6 +13,7 @@ from typing import Any
 
 from .. import limits
 from ..errors import AxisError, DataError
+from ..robot.mjcf import SUFFIXES
 from ..robot.robot import Robot
 from .axis_file import TABLES, axis_tables, from_tables, number, record_format, toml_table
 from .robot_loop import RobotLoop
@@ -146,7 +147,7 @@ def write(loop: RobotLoop, model: str) -> str:
     model : str
         Path of the URDF or MJCF file that the robot comes from, as the file is to name it.
     """
-    kind = "mjcf" if model.endswith((".xml", ".mjcf")) else "urdf"
+    kind = "mjcf" if model.endswith(SUFFIXES) else "urdf"
     robot: dict[str, Any] = {"name": loop.name, kind: model, "joints": list(loop.joints)}
     if loop.transmission is not None:
         robot["transmission"] = [[float(x) for x in row] for row in loop._T]

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..columns import column_name
+from ..display import Displayed
 from ..errors import RecordError, ShapeError
 from ..limits import LARGEST
 from ..pipeline import Motion, Pipeline
 from ..pipelines import Pipelines
 from ..record import Record
+from ..tables import Text, table
+from ..units import JOINTS, quantity
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from .closed_loop import ClosedLoop
     from .model import Theta
     from .robot_loop import RobotLoop
@@ -25,8 +31,8 @@ Array = NDArray[np.float64]
 LOST = 20.0  # % of the position; a loop that follows stays below 1 %
 
 
-@dataclass(frozen=True, eq=False)
-class Simulation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation(Displayed):
     """Signals of a simulated closed loop.
 
     Parameters
@@ -46,6 +52,9 @@ class Simulation:
     place : ndarray, (n_samples,), optional
         The positions at which forces that depend on the position acted.
     """
+
+    content: ClassVar[tuple[str, ...]] = ("t", "q", "dq", "ddq", "nu", "tau")
+    figure: ClassVar[str] = "simulation"
 
     t: Array
     q: Array
@@ -156,12 +165,25 @@ class Simulation:
             breaks=self.breaks,
         )
 
-    def plot(self, record: Record | None = None) -> object:
-        """Return the figure of simulated against measured signals, or of the simulated alone."""
-        from ..plots import simulation
-        from ..plots.record import record as drawn
+    def summary(self) -> Text:
+        """Return the range of each signal, joint by joint."""
+        rows, n = [], self.q.shape[1]
+        for j in range(n):
+            length, force, _ = JOINTS[self.loop.kind_of(j)]
+            units = (length, f"{length}/s", f"{length}/s2", "", force)
+            for name, unit in zip(self.content[1:], units, strict=True):
+                x = getattr(self, name)[:, j]
+                rows.append([column_name(name, j, n), unit, f"{x.min():.4g}", f"{x.max():.4g}"])
+        span = quantity(float(np.ptp(self.t)), "s")
+        title = f"Simulation of {self.loop.name}: {len(self.t)} samples, {span}"
+        notes = () if self.finite else ("it is unstable; check the gains and the inertia",)
+        return table(title, [], ["", "unit", "from", "to"], rows, notes, left=2)
 
-        return drawn(self.to_record()) if record is None else simulation(self, record)
+    def plot(self, record: Record | None = None, **options: Any) -> Figure:
+        """Return the figure of simulated against measured signals, or of the simulated alone."""
+        if record is not None:
+            return super().plot(record=record, **options)
+        return self.to_record().plot(**options)
 
 
 def over_stretches(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +21,9 @@ from ivtools.plots.style import (
 )
 
 if TYPE_CHECKING:
+    from ivtools.guess.first import FirstAxis
     from ivtools.record import Record
+    from ivtools.suitability import Suitability
 
 _ROWS = (("q", "q_ref"), ("dq", "dq_ref"), ("nu", "added"), ("tau", "load"))
 _QUANTITIES = {"q": "position", "dq": "velocity", "nu": "command", "tau": "force"}
@@ -66,6 +68,11 @@ def record(
             axes.set_ylabel(f"{_QUANTITIES[main]}, {readable(unit)}" if unit else _QUANTITIES[main])
         panels[-1].set_xlabel("time, s")
     return figure
+
+
+def in_units(found: FirstAxis | Suitability, **options: Any) -> Sheet:
+    """Draw the record of a result, as `record` does, with the units that its loop says."""
+    return record(found.record, kind=found.loop.joint, **options)
 
 
 def record_chart(logged: Record, joint: str, *, caption: str) -> Chart:

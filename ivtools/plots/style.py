@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..files import write
+from ..units import prefixed
 
 Array = NDArray[np.float64]
 
@@ -193,14 +194,7 @@ def scaled(x: Array, unit: str) -> tuple[float, str]:
     >>> scaled(np.array([3.0]), "N m")
     (1.0, 'N m')
     """
-    size = float(np.max(np.abs(x), initial=0.0))
-    if unit[:2] == "kg" or not np.isfinite(size) or size == 0.0 or size >= 0.1:
-        return 1.0, unit
-    steps = ((1e3, "m"), (1e6, "µ"), (1e9, "n"))
-    for factor, prefix in steps:
-        if size * factor >= 0.1:
-            return factor, prefix + unit
-    return 1.0, unit
+    return prefixed(float(np.max(np.abs(x), initial=0.0)), unit)
 
 
 def encode(figure: Figure, kind: str = "svg", dpi: int = 200) -> bytes:

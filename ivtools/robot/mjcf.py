@@ -20,6 +20,7 @@ from .robot import Robot
 
 Array = NDArray[np.float64]
 
+SUFFIXES = (".xml", ".mjcf")  # of its files
 _KINDS = ("floating", "ball", "prismatic", "revolute")  # in MuJoCo's order
 
 

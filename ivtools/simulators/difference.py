@@ -21,12 +21,13 @@ from ivtools.errors import ConvergenceWarning, EstimationError, IVToolsError, Re
 from ivtools.estimators.input_error import CLIE, DIDIM
 from ivtools.estimators.least_squares import IDIMLS
 from ivtools.linalg.swing import Swings
+from ivtools.loop.controllers import Seen
 from ivtools.problem import Problem
 from ivtools.record import Record
 from ivtools.units import JOINTS, quantity
 
 if TYPE_CHECKING:
-    from ivtools.loop import ClosedLoop, Simulation
+    from ivtools.loop import ClosedLoop, Controller, Simulation
     from ivtools.results import FitResults
 
 Array = NDArray[np.float64]
@@ -311,22 +312,27 @@ def homed(real: Record, simulated: Record, loop: ClosedLoop) -> tuple[Record, tu
     loop : ClosedLoop
         The axis, for its controller.
     """
-    if simulated.q_ref is None:
+    controller = loop.controller.known(simulated)
+    if simulated.q_ref is None or not controller.needs_position:
         return simulated, ()
     away = float(np.median(simulated.q - real.q))
-    law, nu = loop.controller.known(simulated).law(simulated.dt), loop.command(simulated)[:, 0]
-    q_ref = simulated.q_ref[:, 0]
-    dq_ref = np.gradient(q_ref, simulated.dt)
-    dq_ref = dq_ref if simulated.dq_ref is None else simulated.dq_ref[:, 0]
     moved = simulated.replace(q=simulated.q - away)
-    left = [float(np.mean((nu - law(q_ref, dq_ref, s.q[:, 0])) ** 2)) for s in (simulated, moved)]
-    if left[1] > _HOMED * left[0]:
+    left = [_left_by_law(s, loop, controller) for s in (simulated, moved)]
+    if left[1] >= _HOMED * left[0]:
         return simulated, ()
     unit = JOINTS[loop.joint].length
     return moved, (
         f"the simulator's position is counted from {quantity(away, unit)} away from the record's; "
         "it was brought there",
     )
+
+
+def _left_by_law(simulated: Record, loop: ClosedLoop, controller: Controller) -> float:
+    """Return the mean square of what a control law leaves of a record's command."""
+    seen = Seen.of(controller, simulated, loop.command(simulated), loop.joint)
+    limit = controller.limit
+    nu = seen.expected(controller.law(simulated.dt), controller.delay, limit, limit)
+    return float(np.mean((seen.command - np.clip(nu, -limit, limit)) ** 2))
 
 
 def _same_step(real: Record, simulated: Record) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.errors import IVToolsError
+from ivtools.trapezoids import trapezoid
 
 if TYPE_CHECKING:
     from ivtools.record import Record
@@ -246,13 +247,8 @@ def _moves(
             end += ramp + cruise + pause
     position, t = np.zeros_like(t), t * min(1.0, end / t[-1])
     for start, speed, ramp, cruise in made:
-        position += speed * (_ramped(t - start, ramp) - _ramped(t - start - cruise, ramp))
+        position += trapezoid(t - start, speed, ramp, cruise)
     return position
-
-
-def _ramped(t: Array, ramp: float) -> Array:
-    """Return the integral over time of a velocity that rises from 0 to 1 within `ramp` seconds."""
-    return np.where(t < ramp, 0.5 * np.clip(t, 0.0, ramp) ** 2 / ramp, t - 0.5 * ramp)
 
 
 def _check_positive(reference: object, *names: str) -> None:

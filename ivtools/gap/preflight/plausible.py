@@ -12,16 +12,13 @@ from ...errors import IVToolsError
 from ...loop import ClosedLoop
 from ...loop.rough_inertia import beside_position
 from ...record import Record
-from ...units import JOINTS
+from ...units import JOINTS, parse
 from ..parity import Parity, Signals
 from ..rules import ABSURD, OPPOSITE, UNIT_NEAR, UNIT_R2, UNIT_SAMPLES
 
 Array = NDArray[np.float64]
 
-_UNITS = {
-    "prismatic": {"mm": 1e3, "µm": 1e6, "cm": 100.0, "inches": 39.37},
-    "revolute": {"degrees": 180.0 / np.pi, "turns": 0.5 / np.pi, "mrad": 1e3},
-}
+_UNITS = {"prismatic": ("mm", "µm", "cm", "inches"), "revolute": ("degrees", "turns", "mrad")}
 
 
 def doubts(record: Record, loop: ClosedLoop) -> tuple[str, ...]:
@@ -96,7 +93,7 @@ def wrong_unit(record: Record, loop: ClosedLoop, parity: Parity) -> str:
         text = "the recorded command has the opposite sign of what the controller gives"
         return f"{text}; check the sign of nu, or of q and q_ref"
     guess = looks_like(factor, loop.joint, "q and q_ref")
-    if abs(factor / 1000.0 - 1.0) < UNIT_NEAR:
+    if abs(factor * parse("mV").factor - 1.0) < UNIT_NEAR:
         guess = "as if nu were in mV; give V"
     absurd = not 1.0 / ABSURD < factor < ABSURD
     if not guess and not absurd:
@@ -135,7 +132,7 @@ def looks_like(factor: float, joint: str, signal: str) -> str:
     ''
     """
     unit = JOINTS[joint].length
-    for name, times in _UNITS[joint].items():
-        if abs(factor * times - 1.0) < UNIT_NEAR:
+    for name in _UNITS[joint]:
+        if abs(factor / parse(name).factor - 1.0) < UNIT_NEAR:
             return f"as if {signal} were in {name}; give {unit}"
     return ""

@@ -117,14 +117,6 @@ class LinearLaw:
         before = q[0] + (q[0] - q[1]) * np.arange(len(self.taps) - 1, 0, -1)
         return np.convolve(np.concatenate([before, q]), self.taps, mode="valid")
 
-    def __call__(self, q_ref: Array, dq_ref: Array, q: Array) -> Array:
-        """Return the command, before any limit, of this law fed with a trajectory, (n_samples,).
-
-        Its states begin settled at the first sample.
-        """
-        inputs = np.column_stack([q_ref, dq_ref, np.zeros(len(q)), q, self.velocity(q)])
-        return self.command(inputs, self.settled(inputs[0]))
-
     def command(
         self,
         inputs: Array,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import RecordError
 from ...record import Record
+from .law import LinearLaw, clipped
 
 if TYPE_CHECKING:
     from .controller import Controller
@@ -74,6 +75,25 @@ class Seen:
         else:
             dq = controller.law(record.dt).velocity(q)
         return cls(np.column_stack([q_ref, dq_ref, feed, q, dq]), own)
+
+    def expected(self, law: LinearLaw, delay: int, limit: float, least: float) -> Array:
+        """Return the command of a law, late by whole samples, before its limit, (n_samples,).
+
+        What the law's own states were when the record began, only the record can tell.
+
+        Parameters
+        ----------
+        law : LinearLaw
+        delay : int
+            Samples from the measured position to the recorded command.
+        limit, least : float
+            At which the record was clipped, and from which it sits there.
+        """
+        n = len(self.command) - delay
+        inputs, own = self.inputs[:n], self.command[delay:]
+        side = clipped(own, least)
+        nu = law.command(inputs, law.began(inputs, own, side, limit), side, limit)
+        return np.concatenate([np.full(delay, nu[0]), nu])
 
 
 def references(record: Record, controller: Controller) -> tuple[Array, Array]:

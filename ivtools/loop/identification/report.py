@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from ...display import Displayed
 from ...errors import RecordError
 from ...linalg import covariance
 from ...tables import Text, table
@@ -31,8 +32,8 @@ class Tried(NamedTuple):
     left: float
 
 
-@dataclass(frozen=True, eq=False)
-class ControllerFit:
+@dataclass(frozen=True, eq=False, repr=False)
+class ControllerFit(Displayed):
     """A control law that was fitted to a record, and how well.
 
     Parameters
@@ -56,6 +57,11 @@ class ControllerFit:
     noise : float or None
         Rms, m or rad, of that noise, where the law was turned round to find it.
     """
+
+    content: ClassVar[tuple[str, ...]] = (
+        "estimates", "std_errors", "residual", "r2", "samples", "saturated", "kinds", "remains",
+        "low_pass", "noise",
+    )  # fmt: skip
 
     controller: Controller
     std_errors: Mapping[str, float]
@@ -129,8 +135,10 @@ class ControllerFit:
             [*self.remains, *notes],
         )
 
-    def __str__(self) -> str:
-        return str(self.summary())
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content as plain objects, ready for JSON."""
+        law = self.controller
+        return {"kind": law.kind, "delay": law.delay, "velocity": law.velocity, **super().to_dict()}
 
 
 def fit_of(
