@@ -133,6 +133,10 @@ class Shrink:
         """What `before` has beyond the floor, in energy, N or N m rms."""
         return float(np.sqrt(max(self.before**2 - self.floor**2, 0.0)))
 
+    def reaching(self, share: float) -> Shrink:
+        """Return it where a law without a name leaves this share of `after`: no floor is above."""
+        return replace(self, floor=min(self.floor, share * self.after))
+
     def slight(self, tolerance: float) -> bool:
         """Whether `after` leaves less beyond the floor than so many per cent of the force."""
         return 100.0 * self.remainder < tolerance * self.force

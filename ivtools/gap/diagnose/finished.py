@@ -63,6 +63,8 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     given = len(begun.inspected.checked)  # records, whether they judge or not
     tell = task.described and after > DESCRIBED
     left = _left(begun, result, fold) if tell else None
+    if left is not None and measured[-1].floor.between is None:
+        shrink = shrink.reaching(left.after / max(left.before, 1e-300))
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
     bent = repeats >= REPEATS and not shrink.slight(task.tolerance)  # by what has no name
     likely = dict.fromkeys(at_controller, AT_CONTROLLER)
