@@ -705,13 +705,14 @@ class Threshold:
     Parameters
     ----------
     gain : float
-        Least R2 gain: share of the whitened energy of the gap that it removes.
+        Least gain: share of the whitened energy, noise included, of the model before it.
     t : float
-        Least block-robust t value of the amplitude of the frozen effect.
+        Least block t value of the amplitude of the frozen effect.
     agreement : float
         Largest factor between that amplitude and what the other fold found.
     share : float
-        Least share of the reducible gap, energy above the floor, that it removes.
+        Least share of the energy above the floor that it removes; of `thorough`, of the energy that
+        smooth laws of the state could remove.
     """
 
     gain: float
@@ -723,6 +724,11 @@ class Threshold:
 @dataclass(frozen=True)
 class Rules:
     """What a name takes; the defaults were found on withheld effects (training).
+
+    An effect passes if its parameters mean what its name says, the force error falls by `worth`,
+    it removes the `share` of its own threshold, and it reaches any one of these on the worse fold:
+    its own threshold (`everywhere`, `periodic` or `other`), `steady`, or `dominant`; and where
+    their conditions hold `one_sided`, `thorough`, or `rough`.
 
     Parameters
     ----------

@@ -56,13 +56,8 @@ def names_kept(
 
     That force is fitted to what each number of names leaves. The largest number is taken that
     predicts held-out data as well as the best one, within a standard error, unless the force does
-    better by itself.
-    Those beyond it need better evidence than the others, and have no name if that force is a law of
-    one signal. The first is none of them if a further sensor in the law has measured it, for that
-    is no guess; nor if it is friction over position, and the force without a name is just that,
-    whatever its curve. What changes with use changes with time as well: an effect of time has no
-    name unless it does better than friction that warms up, nor has one of what such friction
-    describes best; one that does is held against the other laws only.
+    better by itself. Names beyond it need better evidence than the others, and fall if the force is
+    a law of one signal. A first name that is no guess is never beyond it.
 
     Parameters
     ----------
@@ -81,11 +76,50 @@ def names_kept(
     1984, section 3.4.3: the one-standard-error rule.
     """
     left = [] if laws is None else threaded(laws.fitted, models)
-    timed = [any(t.term.of_time for t in group) for group in groups]
+    most = _lasting(models, groups, left)
+    if laws is not None and any(map(_timed, groups[:most])):  # time and not use: judged already
+        left = threaded(laws.without_use.fitted, models)
+    certain = _certain(groups, left, sensed)
+    least = min(int(any(t.name in certain for group in groups[:1] for t in group)), most)
 
     def own(group: Sequence[Trial]) -> bool:
         """Whether one of these effects has what a force without a name has not."""
         return any(t.unlike > UNLIKE_SMOOTH or t.stands(laws) for t in group)
+
+    def better(fewer: Spline, more: Spline) -> bool:
+        """Whether fewer names predict better, and by more than equals differ."""
+        same = more.cost - fewer.cost <= TIE * (cost(models[0]) - fewer.cost)
+        return not same and _worth(models[0], fewer, more) < -STANDARD_ERRORS
+
+    def tell(k: int) -> bool:
+        """Whether so many names tell more than a force without a name."""
+        if not left:
+            return True
+        if any(better(other, left[k]) for other in left[least:k]):
+            return False
+        alone = not least and outmatched(models[0], models[k], left[0], left[k], rules)
+        return not alone or any(map(own, groups[:k]))
+
+    told = next((k for k in range(most, least, -1) if tell(k)), least)
+    if left and left[told].single:  # it is no law that may be like anything
+        most = told
+    return Kept(most, told, certain)
+
+
+def _timed(group: Sequence[Trial]) -> bool:
+    """Whether one of these effects is a function of time."""
+    return any(t.term.of_time for t in group)
+
+
+def _lasting(
+    models: Sequence[tuple[Fit, ...]], groups: Sequence[Sequence[Trial]], left: Sequence[Spline]
+) -> int:
+    """Return how many names there are before one that may be a matter of use.
+
+    What changes with use changes with time as well. So an effect of time has no name unless it does
+    better than friction that warms up, nor has one of what such friction describes best; that may
+    be the effect of a later name.
+    """
 
     @cache
     def not_use(k: int) -> bool:
@@ -93,43 +127,28 @@ def names_kept(
         return _not_use(models[k], models[k + 1], Laws.of(models[0]))
 
     def lasts(k: int) -> bool:
-        """Whether what gets the k-th name is none of use, if it may be one.
+        """Whether what gets the k-th name is none of use, if it may be one."""
+        timed = _timed(groups[k])
+        if not (timed or (left and left[k].of_use)):
+            return True
+        later = () if timed else range(k + 1, len(groups))
+        return any(_timed(groups[j]) and not_use(j) for j in later) or not_use(k)
 
-        What changes with use may be that of a later name.
-        """
-        used = timed[k] or (bool(left) and left[k].of_use)
-        later = range(k + 1, len(groups)) if not timed[k] else ()
-        return not used or any(timed[j] and not_use(j) for j in later) or not_use(k)
+    return next((k for k in range(len(groups)) if not lasts(k)), len(groups))
 
-    most = next((k for k in range(len(groups)) if not lasts(k)), len(groups))
-    if laws is not None and any(timed[:most]):  # it is time and not use: that has been judged
-        left = threaded(laws.without_use.fitted, models)
 
-    def better(fewer: Spline, more: Spline) -> bool:
-        """Whether fewer names predict better, and by more than equals differ."""
-        same = more.cost - fewer.cost <= TIE * (cost(models[0]) - fewer.cost)
-        return not same and _worth(models[0], fewer, more) < -STANDARD_ERRORS
+def _certain(
+    groups: Sequence[Sequence[Trial]], left: Sequence[Spline], sensed: str
+) -> frozenset[str]:
+    """Return the names that are no guess.
 
-    first = [t for group in groups[:1] for t in group]
-    certain = {t.name for group in groups for t in group} & {sensed}
+    What a further sensor in the law has measured; and a first name of friction over position, where
+    the force without a name is just that, whatever its curve.
+    """
+    names = {t.name for group in groups for t in group} & {sensed}
     if left and left[0].of_place:
-        certain |= {t.name for t in first if t.term.of_place}
-    least = min(int(any(t.name in certain for t in first)), most)
-
-    def holds(k: int) -> bool:
-        """Whether so many names do."""
-        if not left:
-            return True
-        if any(better(other, left[k]) for other in left[least:k]):
-            return False
-        if least or not outmatched(models[0], models[k], left[0], left[k], rules):
-            return True
-        return any(map(own, groups[:k]))
-
-    told = next((k for k in range(most, least, -1) if holds(k)), least)
-    if left and left[told].single:  # it is no law that may be like anything
-        most = told
-    return Kept(most, told, frozenset(certain))
+        names |= {t.name for group in groups[:1] for t in group if t.term.of_place}
+    return frozenset(names)
 
 
 def _not_use(before: tuple[Fit, ...], after: tuple[Fit, ...], laws: Laws | None) -> bool:
