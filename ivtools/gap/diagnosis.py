@@ -277,7 +277,8 @@ class Diagnosis(Displayed):
         if s is None:
             return []
         text = s.shown(s.after, s.interval)
-        text = text if s.after == s.before else f"{s.shown(s.before)} -> {text}"
+        before, after = s.shown(s.before), s.shown(s.after)
+        text = text if before == after else f"{before} -> {text}"
         text = f"force error: {text}; floor, which no model could go below: {s.shown(s.floor)}"
         if self.effects:
             text += f"; closed {round(100 * s.closed)} % of what is above it"

@@ -71,6 +71,7 @@ def page(diagnosis: Diagnosis) -> Page:
     drawn = partial(_drawn, diagnosis)
     out.add("Where", _WHERE, figures=drawn(figures.WHERE))
     told = [*map(sentence, diagnosis.said_of_beside), *_nothing(diagnosis)]
+    told += [sentence(SCREENED)] if any(not r.held_out for r in diagnosis.ranking[:8]) else []
     ranked = ranking_table(diagnosis)
     if diagnosis.verdict == "adequate":  # shares of next to nothing
         out.add("Which effect", *told, folded=[(_OF_LITTLE, ranked)])
@@ -191,7 +192,7 @@ def _card(diagnosis: Diagnosis) -> Card:
     if s is not None and not facts:
         facts = [("Effects", "none is named")]
     if s is not None:
-        after = f" → {s.shown(s.after)}" if s.after != s.before else ""
+        after = f" → {s.shown(s.after)}" if s.shown(s.after) != s.shown(s.before) else ""
         if diagnosis.negligible:
             facts.append(("Gap", diagnosis.size))
         share = f"{_percent(s.of_force(s.before))} %"
@@ -338,8 +339,7 @@ def ranking_table(diagnosis: Diagnosis) -> Text:
         [r.effect, f"{100 * r.closed:.0f} %", "-" if r.effect in diagnosis.later else r.chance]
         for r in diagnosis.ranking[:8]
     ]
-    told = [SCREENED] if any(not r.held_out for r in diagnosis.ranking[:8]) else []
-    return table("Ranking", told, ["effect", "closes by itself", "p value"], rows)
+    return table("Ranking", [], ["effect", "closes by itself", "p value"], rows)
 
 
 def _signals(diagnosis: Diagnosis) -> Text:

@@ -81,7 +81,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         block=locate.block(
             effects,
             controller=any(p.delay != declared for p in checked),
-            events=any(m.floor.isolated for m in measured),
+            events=any(m.floor.isolated for m in measured) and not bent,
             gap=word != "adequate",
             outside=remark is verdict.OUTSIDE,
         ),
