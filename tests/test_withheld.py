@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmarks.withheld import (  # noqa: E402
     axes,
     calibration,
+    ceiling,
     cells,
     motions,
     robots,
@@ -252,3 +253,29 @@ def test_a_gap_of_an_arm_is_one():
         true = robots.split(loop, "elbow", hz=40.0, damping=0.2, gap=gap)
         hangs.append(true.simulate(still, initial="rest", substeps=4).q[-1, 2])
     assert hangs[0] < 0.0 and hangs[1] - hangs[0] == pytest.approx(-2e-3, rel=0.02)
+
+
+def test_the_ceiling_counts_what_the_largest_gain_would_score():
+    def row(hidden, score, **gains):
+        ranking = [{"effect": e, "closed": g, "held_out": True} for e, g in gains.items()]
+        ranking.append({"effect": "spring", "closed": 0.99, "held_out": False})  # not fitted
+        label = {"effects": hidden}
+        return {
+            "suite": "background",
+            "label": label,
+            "score": score,
+            "found": {"ranking": ranking},
+        }
+
+    rows = [
+        row(["cogging"], "right", cogging=0.5, gravity=0.2),
+        row(["cogging"], "right", cogging=0.3, gravity=0.4),
+        row(["gravity"], "abstained", gravity=0.1),
+        row([], "right", cogging=0.2),
+    ]
+    said = ceiling.table([ceiling.leader(r) for r in rows]).splitlines()
+    assert said[:2] == [
+        "3 with an effect, 1 without",
+        "named always: 2 right; the diagnosis: 2 good, either: 3",
+    ]
+    assert said[2].endswith("from 20 % closed on, 1 right, 1 wrong")
