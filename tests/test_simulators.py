@@ -116,10 +116,12 @@ def test_an_effect_that_only_the_simulator_has_is_called_that(loop, short):
 
 def test_logs_of_another_rate_and_length_are_brought_together(loop, short):
     real, sim = short.slice(0, 9000), log(loop, short).slice(0, 11_000)
-    thin = iv.Record(t=sim.t[::2], q=sim.q[::2], nu=sim.nu[::2], q_ref=sim.q_ref[::2])
+    own = {"q": sim.q[::2], "nu": sim.nu[::2], "q_ref": sim.q_ref[::2]}
+    thin = iv.Record(t=sim.t[::2], **own, extra={"load_q": sim.q[::2, 0]})
     one, two, notes = together(real, thin)
     assert one.n_samples == two.n_samples == 9000 and len(notes) == 1
     assert np.allclose(two.q, sim.q[:9000], atol=1e-5)
+    assert np.allclose(two.extra["load_q"], two.q[:, 0])  # a law may look at further columns
     assert "was brought to the record's instants" in notes[0]
 
 

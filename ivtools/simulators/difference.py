@@ -362,7 +362,8 @@ def _resampled(real: Record, simulated: Record) -> tuple[Record, Record, str]:
         name: x[rows] if name in held else CubicSpline(own, x)(at)
         for name, x in simulated.signals.items()
     }
-    brought = Record(t=real.t[:n], **signals, name=simulated.name)
+    extra = {name: CubicSpline(own, x)(at) for name, x in simulated.extra.items()}
+    brought = Record(t=real.t[:n], **signals, extra=extra, name=simulated.name)
     note = (
         f"the simulator's log ({simulated.n_samples} samples at {simulated.sampling_hz:g} Hz) was "
         f"brought to the record's instants ({n} at {real.sampling_hz:g} Hz)"
