@@ -135,7 +135,11 @@ class Round:
         much = [t for t in large if t.reaches(rules.everywhere)]
         if self.qualified or not much:
             return self
-        return replace(self, qualified=(max(much, key=lambda t: t.gain),), sensed="")
+        return self.ending(max(much, key=lambda t: t.gain))
+
+    def ending(self, trial: Trial) -> Round:
+        """Return the round as if this effect got the name."""
+        return replace(self, qualified=(trial,), sensed="")
 
     @property
     def removed(self) -> dict[str, float]:

@@ -180,8 +180,7 @@ class _Search:
                 return self.play(rounds)
             known = [t for t in first.trials if t.name == name]
             known = known or list(self.play(earlier, [name]).trials)
-            one = replace(first, qualified=tuple(known), sensed="")
-            return self.play([*earlier, one]) if known else None
+            return self.play([*earlier, first.ending(known[0])]) if known else None
 
         assert first.best is not None
         names = [first.best.name]
@@ -212,8 +211,7 @@ class _Search:
             held = frozen(self.sides, fewer)
             others = replace(other, fits=fewer, held=held, before=result.base)
             alike = (t.name for t in result.rivals(result.winners[name][0]))
-            before = replace(result.rounds[0], qualified=(others,), sensed="")
-            last = self.play([before], [name, *alike])
+            last = self.play([result.rounds[0].ending(others)], [name, *alike])
             anew += [last] if last.best is not None and last.best.name == name else []
         return replace(result, rounds=(*result.rounds, *anew))
 
