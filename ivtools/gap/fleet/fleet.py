@@ -240,7 +240,8 @@ def _figures(entry: Entry) -> tuple[str, str, str]:
     s = entry.shrink
     if not s:
         return "", "", ""
-    return f"{s['before']:.3g}", f"{s['after']:.3g}", f"{100 * s['closed']:.0f} %"
+    closed = f"{100 * s['closed']:.0f} %" if entry.effects else ""  # nothing closes nothing
+    return f"{s['before']:.3g}", f"{s['after']:.3g}", closed
 
 
 def _cells(entry: Entry, links: str) -> str:
