@@ -62,13 +62,18 @@ class Displayed:
         figure: Figure = getattr(home, name)(self, **options)
         return figure
 
+    @property
+    def drawn(self) -> bool:
+        """Whether it has a figure."""
+        return bool(self.figure)
+
     def page(self) -> Page:
         """Return the table and the figure as a page."""
         from ivtools.report import Page, Picture
 
         text = self.summary()
         page = Page(str(text).splitlines()[0].strip(), "")
-        pictures = [Picture("figure", self.plot(), "")] if self.figure else []
+        pictures = [Picture("figure", self.plot(), "")] if self.drawn else []
         page.add("Result", tables=[text], figures=pictures)
         return page
 

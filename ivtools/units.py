@@ -250,6 +250,32 @@ def prefixed(size: float, unit: str) -> tuple[float, str]:
     return factor, prefix + unit
 
 
+def percent(share: float) -> str:
+    """Return a share in per cent with two digits or one decimal, the same before and after.
+
+    Examples
+    --------
+    >>> percent(0.0774), percent(0.02), percent(7.06), percent(0.000312), percent(1e-9)
+    ('7.7 %', '2.0 %', '706 %', '0.031 %', 'less than 0.01 %')
+    """
+    x = 100.0 * share
+    if 0.0 < x < 0.01:
+        return "less than 0.01 %"
+    return f"{x:.0f} %" if x >= 10.0 else f"{x:.1f} %" if x >= 0.1 else f"{x:.2g} %"
+
+
+def plain_number(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits, and all of those before the point.
+
+    Examples
+    --------
+    >>> plain_number(0.12345), plain_number(1234.5), plain_number(99.96, 2)
+    ('0.123', '1234', '100')
+    """
+    whole = abs(value) >= 10.0**digits - 0.5
+    return f"{value:.0f}" if whole else f"{value:.{digits}g}"
+
+
 def quantity(value: float, unit: str, digits: int = 4) -> str:
     """Return a value with its unit, small ones with a prefix.
 

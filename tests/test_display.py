@@ -131,3 +131,13 @@ def test_no_room_writes_these_faces_again():
             if own and kind.__name__ not in _OTHERS:
                 assert "_repr_html_" not in vars(kind), kind
                 assert "summary" not in vars(kind) or issubclass(kind, Displayed), kind
+
+
+def test_a_simulation_that_diverged_has_a_page_without_a_figure(tmp_path):
+    loop, record = iv.axes.emps(), iv.datasets.twin().slice(0, 2000)
+    free = replace(loop, controller=replace(loop.controller, delay=9, limit=np.inf))
+    base = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": 0.0}
+    run = free.simulate(record, base)
+    assert not run.finite
+    page = run.to_html(tmp_path / "run.html").read_text(encoding="utf-8")
+    assert "it is unstable" in page and "<svg" not in page

@@ -553,7 +553,7 @@ def test_effects_that_share_a_gap_are_found_together(seed, pair, monkeypatch):
     loop, one, two, _ = drawn("two", seed, pair)
     assert set(iv.diagnose(one, loop, two).effects) == set(pair)
     monkeypatch.setattr(Floor, "isolated", False)
-    monkeypatch.setattr(selection._Search, "_pair", lambda *_: [])
+    monkeypatch.setattr(selection._Selection, "_pair", lambda *_: [])
     monkeypatch.setattr(selection.Trial, "stands", lambda *_: False)
     assert iv.diagnose(one, loop, two).effects == ()
 

@@ -17,7 +17,7 @@ from ivtools.gap.discrepancy import Basis, Columns, Discrepancy, Spline
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
 from ivtools.gap.rules import Rules
-from ivtools.gap.verdict import lowers
+from ivtools.gap.verdict import lowers, no_better
 from ivtools.linalg.swing import Swing
 from ivtools.physics import EFFECTS, Parameter, Term
 from ivtools.plots.gap import gap as gap_figure
@@ -89,7 +89,8 @@ def test_the_gap_is_said_in_newtons_and_per_cent_of_the_force(judged):
 
 def test_a_judge_that_speaks_against_the_names_is_in_the_verdict(judged):
     assert "larger than before" not in judged.why
-    worse = replace(judged.shrink.judged, after=2.0 * judged.shrink.judged.before)
+    much = 2.0 * judged.shrink.judged.before
+    worse = replace(judged.shrink.judged, after=much, interval=(0.9 * much, 1.1 * much))
     against = replace(judged, shrink=replace(judged.shrink, judged=worse))
     assert f"on {worse.record}, which only judges, the error is larger than before" in against.why
     assert against.why in " ".join(against.summary().split())
@@ -97,6 +98,33 @@ def test_a_judge_that_speaks_against_the_names_is_in_the_verdict(judged):
     frozen = replace(judged.shrink, after_frozen=most, interval_frozen=(0.9 * most, 1.1 * most))
     handed = replace(judged, shrink=frozen)
     assert "base parameters the error is larger than before" in handed.why
+
+
+def test_a_loop_that_diverges_as_declared_has_an_answer_all_the_same(tmp_path):
+    loop = iv.axes.emps().with_effect("asymmetric-viscous", delta=-40.0)
+    one, two = record(6, loop), record(7, loop)
+    slow = replace(iv.axes.emps().controller, delay=9, limit=np.inf)
+    gap = iv.diagnose(one, replace(iv.axes.emps(), controller=slow), two)
+    assert gap.effects == ("asymmetric-viscous",) and gap.shrink.diverges
+    assert gap.shrink.closed == 1.0 and "the simulation diverges" in gap.summary()
+    json.dumps(gap.to_dict(), allow_nan=False)
+    page = gap.to_html(tmp_path / "gap.html").read_text()
+    assert "diverges → " in page and "with the controller put right" in page
+
+
+def test_what_is_closed_is_said_of_names_only():
+    """A record that judges itself tunes the model on its halves: that closes nothing."""
+    loop = iv.axes.emps().with_effect(HILLS, size=6.0)
+    gap = iv.diagnose(record(8, loop), iv.axes.emps())
+    assert gap.effects == () and gap.shrink.after == gap.shrink.before
+
+
+@pytest.mark.parametrize(("after", "word"), [(0.9999, "too little"), (1.2, "a rise")])
+def test_names_that_fall_are_said_with_what_they_do(after, word):
+    shrink = Shrink("N", 1.0, after, 1.0, (0.9, 1.1), 0.99, False, 1.0, (0.9, 1.1), 20.0, {})
+    values = {"saturation": {"limit": 5.25}, "controller-mismatch": {"kp": 0.1}}
+    said = no_better(["saturation", "controller-mismatch"], values, shrink).text
+    assert word in said and "saturation (at 5.25), controller-mismatch in the model" in said
 
 
 def test_a_judge_takes_part_in_nothing():
@@ -178,7 +206,7 @@ def test_what_any_law_would_leave_is_the_noise_where_the_force_is_smooth():
     assert left["after"] < 0.2 * gap.shrink.after
     assert left["after"] == pytest.approx(least, rel=0.1)
     assert left["after"] < 1.2 * gap.shrink.floor
-    told = f"any static law would leave about {left['after']:.2g} of {left['before']:.2g} N rms"
+    told = f"smooth static law would leave about {left['after']:.2g} of {left['before']:.2g} N rms"
     assert told in " ".join(gap.summary().split())
 
 
@@ -254,6 +282,15 @@ def test_a_gap_that_only_one_record_can_show_is_no_force_from_outside():
     assert gap.effects == () and gap.verdict == "unexplained"
     assert "only one of the records covers" in " ".join(gap.summary().split())
     assert gap.block != "outside"
+
+
+def test_a_curve_needs_both_directions():
+    """A spindle that turns one way only has none; standing is no direction."""
+    rng = np.random.default_rng(1)
+    grid, x, force = np.linspace(0.0, 1.0, 5), rng.uniform(0.0, 1.0, 200), rng.normal(size=200)
+    one_way = np.where(np.arange(200) < 20, 0.0, 1.0)
+    assert discrepancy._means(grid, x, one_way, force) == ()
+    assert len(discrepancy._means(grid, x, one_way - 0.5, force)) == 5
 
 
 def worn(q, dq, ddq, sign, tau, t, size):

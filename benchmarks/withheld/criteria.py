@@ -92,9 +92,9 @@ def observed(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """Return the row of a case, with what the first round of its selection showed."""
     from importlib import import_module
 
-    selection = import_module("ivtools.gap.attribute")
+    kept = import_module("ivtools.gap.attribute.kept")
     nameless: defaultdict[int, list[float]] = defaultdict(list)
-    advantage = selection.advantage
+    advantage = kept.advantage
     with attributions() as found:
 
         def compared(*args: Any) -> float:
@@ -102,7 +102,7 @@ def observed(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
             nameless[len(found)].append(advantage(*args))
             return nameless[len(found)][-1]
 
-        with patch.object(selection, "advantage", compared):
+        with patch.object(kept, "advantage", compared):
             row = work()
     return row | {"attempts": [_attempt(f, nameless[k]) for k, f in enumerate(found)]}
 

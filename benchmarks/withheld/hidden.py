@@ -40,19 +40,19 @@ def measured(task: Task) -> dict[str, list[tuple[float, float]] | None]:
     from ivtools.loop.axis_file import from_tables
 
     selection = sys.modules["ivtools.gap.attribute.selection"]
-    forward, found = selection._forward, {}
+    forward, found = selection._Selection.forward, {}
 
-    def noted(tried: Any, base: Any, rules: Any) -> Any:
+    def noted(search: Any) -> Any:
         """Look for the true effects before any other."""
         for name in task.effects:
-            trials = tried([], [name]).trials
+            trials = search.play([], [name]).trials
             both = [(common(t.before), common(t.held)) for t in trials]
             found[name] = beside_law(*both[0], Laws.of(both[0][0])) if both else None
-        return forward(tried, base, rules)
+        return forward(search)
 
     case = draw(task)
     records = [iv.Record.from_dict(r, name=n) for r, n in zip(case.records, "ab", strict=True)]
-    with patch.object(selection, "_forward", noted):
+    with patch.object(selection._Selection, "forward", noted):
         iv.diagnose(records[0], from_tables(case.axis.tables()), holdout=records[1])
     return found
 

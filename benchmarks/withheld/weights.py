@@ -41,7 +41,7 @@ def design(found: list[dict[str, Any]]) -> tuple[list[str], NDArray[np.float64]]
     from ivtools.gap.attribute import Evidence, features
 
     kinds = Evidence.__dataclass_fields__
-    X = [features(Evidence(**{n: row[n] for n in kinds})) for row in found]
+    X = [features(Evidence(**{n: row[n] for n in kinds if n in row})) for row in found]
     return list(X[0]), np.array([[*x.values()] for x in X])
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..loop import ClosedLoop
 from ..record import Record
+from ..units import percent
 from . import response as responses
 from .attribute import Attribution
 from .fit import Fit, jacobian, steps
@@ -164,11 +165,6 @@ def motions(result: Attribution) -> list[str]:
     return lines
 
 
-def _percent(share: float) -> str:
-    """Return a share in per cent, with two digits."""
-    return f"{100.0 * share:.0f} %" if share > 1.0 else f"{100.0 * share:.2g} %"
-
-
 def remarks(
     loop: ClosedLoop,
     measured: tuple[Measured, ...],
@@ -190,8 +186,8 @@ def remarks(
             lines.append(
                 f"{name}: the recorded command follows the measured position by {p.delay} samples, "
                 f"the axis file says {loop.controller.delay}; with that the control law, fed with "
-                f"what was measured, is off the command by {_percent(p.after)}, not by "
-                f"{_percent(p.before)}"
+                f"what was measured, is off the command by {percent(p.after)}, not by "
+                f"{percent(p.before)}"
             )
         if "added" in p.mismatch:
             lines.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import wrap
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from ..display import Displayed, plain
 from ..loop import ClosedLoop
 from ..tables import Text, table
-from ..units import quantity
+from ..units import percent, quantity
 from .attribute import Evidence, Supposed
 from .discrepancy import Discrepancy
 from .fit import Fit
@@ -22,7 +23,7 @@ from .locate import Region
 from .parity import Parity
 from .preflight import Finding
 from .quantify import Shrink, Traces
-from .rules import CORRECTED, EXPLAINED, NOTHING_ALONE, TOLERANCE
+from .rules import EXPLAINED, NOTHING_ALONE, TOLERANCE
 from .verdict import SCREENED, VERDICTS, Ranked, Replica, Setting
 
 if TYPE_CHECKING:
@@ -142,11 +143,11 @@ class Diagnosis(Displayed):
                 "regions": [r.to_dict() for r in self.regions],
                 "events": [list(e) for f in self.floors for e in f.events],
             },
-            "shrink": None if self.shrink is None else self.shrink.to_dict(),
+            "shrink": None if self.shrink is None else plain(self.shrink.to_dict()),
             "ranking": [r.to_dict() for r in self.ranking],
             "advice": list(self.advice),
             "findings": [f.text for f in self.findings],
-            "gap": self._gap(),
+            "gap": plain(self._gap()),
             "whitened": {"before": plain(self.chi[0]), "after": plain(self.chi[1])},
             "changed": {n: c.to_dict() for n, c in self.changed.items()},
             "discrepancy": None if self.discrepancy is None else self.discrepancy.to_dict(),
@@ -210,8 +211,9 @@ class Diagnosis(Displayed):
         s = self.shrink
         if s is None:
             return ""
-        percent = f"{s.of_force(s.before):.2g} % of the force"
-        text = f"{s.shown(s.before)} rms, {percent}"
+        if s.diverges:
+            return "the simulation diverges"
+        text = f"{s.shown(s.before)} rms, {percent(s.before / s.force)} of the force"
         if not self.negligible:
             return text
         all_of_it = s.before < 0.01 * self.tolerance * s.force
@@ -231,11 +233,11 @@ class Diagnosis(Displayed):
             return "nothing was simulated"
         said = VERDICTS[self.verdict]
         if self.verdict == "explained" and s.closed < EXPLAINED:
-            left = f"{s.of_force(s.remainder):.2g} % of the force"
+            left = f"{percent(s.remainder / s.force)} of the force"
             said = f"the named effects close the gap to {left} above the floor, which is negligible"
-        if self.effects and s.interval_frozen[0] > s.before:
+        if self.effects and not s.interval_frozen[0] <= s.before:
             said += "; with the first record's base parameters the error is larger than before"
-        if s.judged is not None and s.judged.after > s.judged.before:
+        if s.judged is not None and not s.judged.interval[0] <= s.judged.before:
             said += f"; on {s.judged.record}, which only judges, the error is larger than before"
         return said
 
@@ -277,13 +279,13 @@ class Diagnosis(Displayed):
         if s is None:
             return []
         text = s.shown(s.after, s.interval)
-        before, after = s.shown(s.before), s.shown(s.after)
-        text = text if before == after else f"{before} -> {text}"
+        if self.effects or s.shown(s.before) != s.shown(s.after):
+            text = f"{s.shown(s.before)} -> {text}"
         text = f"force error: {text}; floor, which no model could go below: {s.shown(s.floor)}"
         if self.effects:
             text += f"; closed {round(100 * s.closed)} % of what is above it"
         lines = _wrapped(text, "  ")
-        if s.corrected < CORRECTED * s.before:
+        if s.put_right:
             lines.append(f"  of which the controller, put right: {s.shown(s.corrected)}")
         if s.held_out:
             frozen = s.shown(s.after_frozen, s.interval_frozen)
@@ -378,5 +380,7 @@ class Diagnosis(Displayed):
 
 
 def _wrapped(text: str, indent: str) -> list[str]:
-    """Break a line, but not the names of effects."""
-    return wrap(text, 78, subsequent_indent=indent, break_on_hyphens=False)
+    """Break a line, but not the names of effects, nor between a number and its unit."""
+    text = re.sub(r"(?<=[0-9]) (?=[a-zA-Zµ%])", "\N{NO-BREAK SPACE}", text)
+    lines = wrap(text, 78, subsequent_indent=indent, break_on_hyphens=False)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]

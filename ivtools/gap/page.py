@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
 from ..tables import Text, sentence, table
-from ..units import JOINTS, quantity
-from .rules import CORRECTED
+from ..units import JOINTS, percent, quantity
 from .simulator import changes_table
 from .verdict import SCREENED
 
@@ -164,9 +164,9 @@ def _more(diagnosis: Diagnosis) -> list[str]:
 def _nameless(left: Discrepancy) -> str:
     """Return how to read the figures of a force without a name."""
     return (
-        f"The force repeats over {left.said}. Fitted to one half of the data and put into the "
-        f"model, it leaves {left.leaves} of the force error on the other half: about as far as any "
-        f"{left.law} can close what is left."
+        f"The force repeats over {left.said}. A {left.law}, fitted to one half of the data and put "
+        f"into the model, leaves {left.leaves} of the force error on the other half: so far at "
+        "least a law without a name closes what is left."
     )
 
 
@@ -192,17 +192,17 @@ def _card(diagnosis: Diagnosis) -> Card:
     if s is not None and not facts:
         facts = [("Effects", "none is named")]
     if s is not None:
-        after = f" → {s.shown(s.after)}" if s.shown(s.after) != s.shown(s.before) else ""
         if diagnosis.negligible:
             facts.append(("Gap", diagnosis.size))
-        share = f"{_percent(s.of_force(s.before))} %"
-        share += f" → {_percent(s.of_force(s.after))} %" if after else ""
-        facts.append(("Force error, rms", f"{s.shown(s.before)}{after}; {share} of the force"))
+        both = (s.before, s.after) if s.shown(s.after) != s.shown(s.before) else (s.before,)
+        errors = " → ".join(s.shown(x) if isfinite(x) else "diverges" for x in both)
+        shares = " → ".join(percent(x / s.force) for x in both if isfinite(x))
+        facts.append(("Force error, rms", f"{errors}; {shares} of the force"))
         if s.held_out:
             frozen = s.shown(s.after_frozen)
             facts.append(("With the first record's base parameters", frozen))
         if (left := diagnosis.discrepancy) is not None:
-            facts.append((f"With any {left.law} besides", left.leaves))
+            facts.append((f"With a {left.law} besides", left.leaves))
         facts.append(("Floor", s.shown(s.floor)))
     verdict = f"{diagnosis.verdict.capitalize()}: {diagnosis.why}."
     tone = _TONES.get(diagnosis.verdict, "doubt")
@@ -222,20 +222,11 @@ def _next(diagnosis: Diagnosis) -> tuple[str, ...]:
         return ()
     if diagnosis.changes:
         return ("Make the changes below in your simulator; ivtools export writes them.",)
+    if diagnosis.shrink.put_right and not diagnosis.effects:
+        return ("Put the controller of the axis file right first: the remarks say how.",)
     if diagnosis.effects:
         return ("Put what is named into your model; ivtools export writes it for other tools.",)
     return (_ASKED[diagnosis.verdict],) if diagnosis.verdict in _ASKED else ()
-
-
-def _percent(share: float) -> str:
-    """Return a share with two digits or one decimal, the same before and after.
-
-    Examples
-    --------
-    >>> _percent(7.74), _percent(2.0), _percent(31.4), _percent(0.0312)
-    ('7.7', '2.0', '31', '0.031')
-    """
-    return f"{share:.0f}" if share >= 10.0 else f"{share:.1f}" if share >= 0.1 else f"{share:.2g}"
 
 
 def _fitted(replica: Replica, name: str) -> str:
@@ -268,11 +259,12 @@ def gap_text(diagnosis: Diagnosis) -> list[str]:
     floor = s.shown(s.floor)
     text = (
         f"The simulated force is {s.shown(s.before)} rms off the measured one, "
-        f"{_percent(s.of_force(s.before))} % of the force"
+        f"{percent(s.before / s.force)} of the force"
     )
+    text = "The simulation as the axis file has it diverges" if s.diverges else text
     text = f"Negligible: {text[0].lower()}{text[1:]}" if diagnosis.negligible else text
     if not diagnosis.effects:
-        told = f"{text}; the floor, which no model could go below, is {floor}."
+        told = f"{text},{_controller(s)} and the floor, which no model could go below, is {floor}."
         return [f"{told}{_handed_over(s)}"]
     return [
         f"{text},{_controller(s)} and {s.shown(s.after, s.interval)} (95 % interval) with "
@@ -305,7 +297,7 @@ def _nothing(diagnosis: Diagnosis) -> list[str]:
 
 def _controller(s: Shrink) -> str:
     """Return what putting the controller right is worth."""
-    if s.corrected >= CORRECTED * s.before:
+    if not s.put_right:
         return ""
     return f" {s.shown(s.corrected)} with the controller put right,"
 
@@ -350,7 +342,8 @@ def _signals(diagnosis: Diagnosis) -> Text:
     units = {"position": length, "velocity": f"{length}/s", "acceleration": f"{length}/s²"}
     rows = [["force", s.shown(s.before), s.shown(s.after)]]
     for name, (before, after) in s.signals.items():
-        rows.append([name, quantity(before, units[name], 3), quantity(after, units[name], 3)])
+        shown = (quantity(x, units[name], 3) if isfinite(x) else "-" for x in (before, after))
+        rows.append([name, *shown])
     header = ["signal", "before", "after"]
     if not diagnosis.effects:
         rows, header = [row[:2] for row in rows], ["signal", "error"]

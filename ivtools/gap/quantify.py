@@ -10,13 +10,13 @@ from scipy import signal, stats
 
 from ..loop import ClosedLoop
 from ..record import Record
-from ..units import JOINTS, prefixed
+from ..units import JOINTS, plain_number, prefixed
 from .attribute import Attribution
 from .candidate import phases
 from .fit import Fit, gauss_newton, steps
 from .floor import Floor, Measured
 from .fold import Fold
-from .rules import ADEQUATE_NAMED, ALL_LEFT, CONFIDENCE, LEAST_BLOCKS, RETUNED
+from .rules import ADEQUATE_NAMED, ALL_LEFT, CONFIDENCE, CORRECTED, LEAST_BLOCKS, RETUNED
 
 Array = NDArray[np.float64]
 
@@ -32,11 +32,11 @@ def shown(
     ('1.23 N [1.1, 1.4]', '109 mN m')
     """
     if not np.isfinite(error):
-        return "none, the simulation diverges"
+        return "no figure, for the simulation diverges"
     factor, unit = prefixed(like if np.isfinite(like) else error, unit)
-    text = f"{factor * error:.3g} {unit}"
-    low, high = (factor * x for x in interval or (0.0, 0.0))
-    return text if interval is None else f"{text} [{low:.3g}, {high:.3g}]"
+    text = f"{plain_number(factor * error)} {unit}"
+    low, high = (plain_number(factor * x) for x in interval or (0.0, 0.0))
+    return text if interval is None else f"{text} [{low}, {high}]"
 
 
 @dataclass(frozen=True)
@@ -61,11 +61,18 @@ class Judged:
 
     def said(self, unit: str) -> str:
         """Return the errors, N or N m, as a sentence."""
-        frozen = shown(self.after_frozen, unit, self.interval_frozen, self.after)
+        like = _largest(self.before, self.after)
+        before, after, frozen = (
+            shown(x, unit, interval, like)
+            for x, interval in (
+                (self.before, None),
+                (self.after, self.interval),
+                (self.after_frozen, self.interval_frozen),
+            )
+        )
         return (
-            f"on {self.record}, which only judges: {shown(self.before, unit, like=self.after)} -> "
-            f"{shown(self.after, unit, self.interval)}; with the first record's base parameters: "
-            f"{frozen}"
+            f"on {self.record}, which only judges: {before} -> {after}; with the first record's "
+            f"base parameters: {frozen}"
         )
 
 
@@ -115,7 +122,9 @@ class Shrink:
 
     @property
     def closed(self) -> float:
-        """Fraction of the reducible gap that is closed."""
+        """Fraction of the reducible gap that is closed; all of one in which the loop diverges."""
+        if not np.isfinite(self.before):
+            return float(np.isfinite(self.after))
         reducible = self.before - self.floor
         return (
             float(np.clip((self.before - self.after) / reducible, -1.0, 1.0))
@@ -127,6 +136,16 @@ class Shrink:
     def remainder(self) -> float:
         """What `after` leaves beyond the floor, in energy, N or N m rms."""
         return float(np.sqrt(max(self.after**2 - self.floor**2, 0.0)))
+
+    @property
+    def put_right(self) -> bool:
+        """Whether what was put right of the controller is worth a word."""
+        return self.corrected < CORRECTED * self.before
+
+    @property
+    def diverges(self) -> bool:
+        """Whether the loop diverges as it was declared."""
+        return not np.isfinite(self.before)
 
     @property
     def gap(self) -> float:
@@ -147,7 +166,7 @@ class Shrink:
 
     def shown(self, error: float, interval: tuple[float, float] | None = None) -> str:
         """Return one of the errors for people, all of them with one prefix."""
-        return shown(error, self.unit, interval, self.after)
+        return shown(error, self.unit, interval, _largest(self.before, self.after))
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the shrink."""
@@ -170,7 +189,10 @@ class Shrink:
 
 @dataclass(frozen=True, eq=False)
 class Traces:
-    """Signals for the figures, on the record that judged."""
+    """Signals for the figures, on the record that judged.
+
+    Where the loop diverges as it was declared, there is no `before`: it is as `after`.
+    """
 
     record: Record
     keep: NDArray[np.bool_]
@@ -194,12 +216,18 @@ def how_far(
     result: Attribution,
     fold: Fold,
     held_out: bool,
+    named: bool,
 ) -> tuple[Shrink, Traces]:
-    """Return how far the gap closes, and the signals that show it."""
+    """Return how far the gap closes, and the signals that show it.
+
+    If nothing is named it does not, but for what was put right of the controller, if that helps.
+    """
     after = _judged(_tuned(measured, result), measured, fold)
     before = replace(plain, fold=replace(plain.fold, keep=fold.keep))
-    if not result.named and after.force_rms > before.force_rms:
-        after = before  # what was put right of the controller makes nothing better
+    shown = measured[-1].parity
+    same = not shown.found and shown.delay == plain.loop.controller.delay
+    if not named and (same or after.force_rms > before.force_rms):
+        after = before
     still = replace(after, values=_handed_over(result.fits[0], after))
     level = measured[-1].floor
     plain_base = result.base[-1] if len(measured) == 1 else measured[-1].base
@@ -210,6 +238,7 @@ def how_far(
         before.fold.force_error(before.loop, before.values),
         after.fold.force_error(after.loop, after.values),
     )
+    e0 = e1 if shrink.diverges else e0
     force = after.loop.force(record)[:, 0]
     return shrink, Traces(record, fold.keep, force, e0, e1, _spectra(record.dt, e0, e1, level))
 
@@ -334,6 +363,11 @@ def quantify(
         force=fold.force_rms(after.loop),
         signals=_signals(before, after),
     )
+
+
+def _largest(*errors: float) -> float:
+    """Return the largest of some errors that is finite, else NaN."""
+    return max((x for x in errors if np.isfinite(x)), default=float("nan"))
 
 
 def _rms(x: Array) -> float:

@@ -179,6 +179,11 @@ class Simulation(Displayed):
         notes = () if self.finite else ("it is unstable; check the gains and the inertia",)
         return table(title, [], ["", "unit", "from", "to"], rows, notes, left=2)
 
+    @property
+    def drawn(self) -> bool:
+        """Whether it has a figure: one that diverged has none."""
+        return self.finite
+
     def plot(self, record: Record | None = None, **options: Any) -> Figure:
         """Return the figure of simulated against measured signals, or of the simulated alone."""
         if record is not None:

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from ivtools.errors import DataError
 from ivtools.plots.style import COLOURS, legend_above, line, readable, scaled, units_of
-from ivtools.units import JOINTS
+from ivtools.units import JOINTS, plain_number, prefixed
 
 if TYPE_CHECKING:
     from ivtools.gap.diagnosis import Diagnosis
@@ -70,9 +70,14 @@ def _unit(diagnosis: Diagnosis) -> str:
 
 
 def _sides(diagnosis: Diagnosis, before: Any, after: Any) -> list[tuple[Any, str, str]]:
-    """Return what to draw, its colour and label: before and after, or one if nothing is named."""
+    """Return what to draw, its colour and label: before and after, or one if nothing is named.
+
+    Nothing is drawn of a loop that diverges.
+    """
     if not diagnosis.effects:
         return [(before, _AFTER, "simulated")]
+    if diagnosis.shrink is not None and diagnosis.shrink.diverges:
+        return [(after, _AFTER, "after")]
     return [(before, _BEFORE, "before"), (after, _AFTER, "after")]
 
 
@@ -229,31 +234,36 @@ def nameless(axes: Axes, diagnosis: Diagnosis) -> None:
 def before_and_after(axes: Axes, diagnosis: Diagnosis) -> None:
     """Draw the force error before and after, its interval, and the floor."""
     s = _found(diagnosis)
-    bars = [(label, value, c) for value, c, label in _sides(diagnosis, s.before, s.after)]
-    if s.corrected < 0.98 * s.before and diagnosis.effects:
-        bars.insert(1, ("controller\nput right", s.corrected, _RIGHT))
-    low, high = s.interval
+    before = s.after if s.diverges else s.before
+    factor, unit = prefixed(max(before, s.after), s.unit)
+    before, after, right, floor = (factor * x for x in (before, s.after, s.corrected, s.floor))
+    bars = [(label, value, c) for value, c, label in _sides(diagnosis, before, after)]
+    if s.put_right and diagnosis.effects:
+        bars.insert(1, ("controller\nput right", right, _RIGHT))
+    low, high = (factor * x for x in s.interval)
     last = len(bars) - 1
     for x, (_, value, colour) in enumerate(bars):
         axes.bar(x, value, 0.6, color=colour)
         top = value if x < last else max(value, high)
-        axes.annotate(f"{value:.3g}", (x, top), (0, 2), ha="center", textcoords="offset points")
+        axes.annotate(
+            plain_number(value), (x, top), (0, 2), ha="center", textcoords="offset points"
+        )
     if diagnosis.effects:
-        reach = [[max(s.after - low, 0.0)], [max(high - s.after, 0.0)]]
-        axes.errorbar([last], [s.after], reach, color="black", capsize=3)
-    axes.axhline(s.floor, color=_FLOOR, linestyle="--")
+        reach = [[max(after - low, 0.0)], [max(high - after, 0.0)]]
+        axes.errorbar([last], [after], reach, color="black", capsize=3)
+    axes.axhline(floor, color=_FLOOR, linestyle="--")
     axes.annotate(
-        f"floor {s.floor:.2g}",
-        (last + 0.5, s.floor),
+        f"floor {plain_number(floor, 2)}",
+        (last + 0.5, floor),
         (0, 2),
         textcoords="offset points",
         color=_FLOOR,
     )
     axes.set_xlim(-0.5, last + 1.2)
-    axes.set_ylim(0.0, 1.15 * max(s.before, s.after, high))
+    axes.set_ylim(0.0, 1.15 * max(before, after, high))
     axes.set_xticks(range(len(bars)), [name for name, _, _ in bars])
     axes.grid(False, axis="x")
-    axes.set_ylabel(f"force error, {s.unit} rms")
+    axes.set_ylabel(f"force error, {unit} rms")
     closed = f"{100 * s.closed:.0f} % of the reducible gap closed"
     axes.set_title(closed if diagnosis.effects else "nothing is named", loc="left")
 

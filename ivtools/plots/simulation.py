@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from ivtools.errors import DataError
 from ivtools.plots.chart import Chart, Panel, Series, inner_limits, worst
 from ivtools.plots.style import (
     COLOURS,
@@ -148,6 +149,8 @@ def _signals(
 ) -> tuple[Array, list[_Signal]]:
     """Return the time, s, and the signals to compare, both without the trimmed samples."""
     loop = simulated.loop
+    if len(loop.joints) > 1:
+        raise DataError("a simulation is set against a record joint by joint; plot it by itself")
     used = pipeline or loop.pipeline(record)
     head, tail = used.trim
     rows = slice(head, record.n_samples - tail)

@@ -63,8 +63,8 @@ def attribute(
     without : tuple of str
         Effects left out of the library.
     """
-    search = _Search(sides, base, rules, extra, without)
-    rounds, groups, local = search.forward()
+    selection = _Selection(sides, base, rules, extra, without)
+    rounds, groups, local = selection.forward()
     if local:
         known = {name: at for r in rounds for name, at in r.valleys.items()}
         sides = tuple(replace(s.common, places={**s.places, **known}) for s in sides)
@@ -81,7 +81,7 @@ def attribute(
     surpassed = frozenset(t.name for group in groups[told:most] for t in group)
     kept, fits, held = _backward(sides, base, fits, held, won)
     found = Attribution(base, fits, held, tuple(kept), rules, rounds, laws, surpassed, certain)
-    found = search.beside_others(found)
+    found = selection.beside_others(found)
     ended = {tuple(names[: names.index(t.name) + 1]): t for t in ends[:most]}
     found = _withdrawn(sides, found, ended)
     first = rounds[0].best if rounds else None
@@ -91,7 +91,7 @@ def attribute(
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _Selection:
     """The rounds of a selection; parameters as for `attribute`."""
 
     sides: tuple[Side, ...]

@@ -137,14 +137,14 @@ def _that_lower(
     measured: tuple[Measured, ...],
     result: Attribution,
     fold: Fold,
-    shown: tuple[Sequence[str], Mapping[str, Mapping[str, float]]],
+    parity_shows: tuple[Sequence[str], Mapping[str, Mapping[str, float]]],
     held_out: bool,
     swung: float,
 ) -> _Outcome:
     """Return the names that lower the force error, by more than links may; if they do not, none."""
-    at_controller, values = shown
+    at_controller, values = parity_shows
     plain, effects = quantify.declared(loop, measured), (*at_controller, *result.named)
-    shrink, traces = quantify.how_far(plain, measured, result, fold, held_out)
+    shrink, traces = quantify.how_far(plain, measured, result, fold, held_out, bool(effects))
     tried = result.named if measured[-1].driven else effects  # its controller changes nothing
     removed = cost(result.base) - cost(result.held)
     faint = removed * sum(m.floor.surprise for m in measured) < swung
@@ -152,7 +152,7 @@ def _that_lower(
         return _Outcome(effects, result, shrink, traces)
     said = verdict.may_swing(effects) if faint else verdict.no_better(effects, values, shrink)
     nothing = replace(result, fits=result.base, held=result.base, named=())
-    again = quantify.how_far(plain, measured, nothing, fold, held_out)
+    again = quantify.how_far(plain, measured, nothing, fold, held_out, named=False)
     return _Outcome((), nothing, *again, (said,))
 
 

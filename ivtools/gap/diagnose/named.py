@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...loop import ClosedLoop
-from .. import parity, quantify
+from .. import quantify
 from ..attribute import Attribution, attribute, upheld
 from ..candidate import retuned
 from ..floor import Measured, folds
@@ -94,8 +94,7 @@ def _ways(begun: Begun, both: Attribution, k: int) -> Iterator[_Way]:
     name, unmoved = one.fold.record.name, other.fold.record.name
     loop, judges = begun.loop, k == 1
     if not judges and one.parity.limit and _limits(loop, one) and not _limits(loop, other):
-        at_limit = tuple(parity.effects((one.parity,))[0])
-        yield _Way(name, f"the command of {unmoved} hardly reaches its limit", at_limit)
+        yield _Way(name, f"the command of {unmoved} hardly reaches its limit", ("saturation",))
     silent = other.base.cost < ADEQUATE
     if one.base.cost < ALONE or not (silent or begun.eventful):
         return

@@ -23,7 +23,7 @@ from scipy import linalg
 
 from ...linalg.swing import Swing, Swings
 from ...loop import Simulation
-from ...units import JOINTS, prefixed, quantity
+from ...units import JOINTS, plain_number, prefixed, quantity
 from ...workers import threaded
 from .. import spatial_lines
 from ..fit import Fit, normal
@@ -43,8 +43,8 @@ from .smooth import OF_USE, Basis, Columns, beside, signals
 
 Array = NDArray[np.float64]
 Made = TypeVar("Made")
-#: What was made of two fits: by the one on the first fold, with the other one.
 _Curve = tuple[tuple[float, float, float], ...]
+#: What was made of two fits: by the one on the first fold, with the other one.
 _ByFits = WeakKeyDictionary[Fit, tuple[Fit, Made]]
 
 _NAMES = {
@@ -90,10 +90,10 @@ class Discrepancy:
     gain : float
         Share of the whitened energy left that it removes on held-out data.
     before, after : float
-        The force error without and with it in the model, beside all that is named, N or N m rms:
-        as `Shrink.after`, but where both records have been only. The loop is simulated with the
-        force that the other fold alone gives along this motion; what is finer than its knots is
-        left.
+        The force error without and with it in the model, beside all that is named and what was put
+        right of the controller, N or N m rms, where both records have been. The loop is simulated
+        with the force that the other fold alone gives along this motion; what is finer than its
+        knots is left, so another law may leave less.
     curve : tuple of (float, float, float)
         Over the signal `along`: its value (SI), and the mean force forwards and backwards.
     period : float
@@ -111,22 +111,23 @@ class Discrepancy:
 
     @property
     def text(self) -> str:
-        """What is there, and what any law like it would leave, as a sentence."""
+        """What is there, and what such a law would leave, as a sentence."""
         return (
             f"a force of {quantity(self.rms, self.unit, 2)} rms repeats over {self.said} and is "
-            f"not among the known effects; any {self.law} would leave {self.leaves}"
+            f"not among the known effects; a {self.law} would leave {self.leaves}"
         )
 
     @property
     def law(self) -> str:
-        """What kind of law it is one of."""
-        return "law that remembers the motion" if "past" in self.signals else "static law"
+        """What kind of law it is."""
+        return "smooth law with a memory" if "past" in self.signals else "smooth static law"
 
     @property
     def leaves(self) -> str:
         """What of the force error it leaves, in words."""
         factor, unit = prefixed(self.before, self.unit)
-        return f"about {factor * self.after:.2g} of {factor * self.before:.2g} {unit} rms"
+        after, before = (plain_number(factor * x, 2) for x in (self.after, self.before))
+        return f"about {after} of {before} {unit} rms"
 
     @property
     def along(self) -> str:
@@ -143,7 +144,10 @@ class Discrepancy:
             last = "others"
         else:
             last = "direction" if _DIRECTED & {*self.over} else told.pop()
-        return " and ".join(filter(None, (", ".join(told), last)))
+        first = ", ".join(told)
+        if " and " in first:  # position and speed together
+            first += ","
+        return " and ".join(filter(None, (first, last)))
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -681,23 +685,23 @@ def _curve(
     kinds["drive"] = kinds["load"]
     x = np.concatenate([s[:, 0] for s in kinds[name]])
     x = x if name == "q" else np.abs(x)
-    ahead = np.concatenate([r.dq[:, 0] for r in runs]) > 0.0
+    speed = np.concatenate([r.dq[:, 0] for r in runs])
     force = np.concatenate(forces)
     if found.over[0] != "wave":
-        return 0.0, _means(basis.knots[name], x, ahead, force)
+        return 0.0, _means(basis.knots[name], x, speed, force)
     grids = [np.linspace(0.0, p, POSITION_KNOTS) for p in found.periods]
-    curves = [_means(grid, x % grid[-1], ahead, force) for grid in grids]
-    sizes = [float(np.mean(np.square(curve)[:, 1:])) for curve in curves]
+    curves = [_means(grid, x % grid[-1], speed, force) for grid in grids]
+    sizes = [float(np.mean(np.square(c)[:, 1:])) if c else 0.0 for c in curves]
     best = int(np.argmax(sizes))
-    return found.periods[best], curves[best]
+    return float(found.periods[best]), curves[best]
 
 
-def _means(knots: Array, x: Array, ahead: NDArray[np.bool_], force: Array) -> _Curve:
-    """Return the mean force near each knot, while the axis goes ahead and while it does not."""
-    hats = Basis({"x": knots}).hats("x", x)
-    weight = [hats[rows].sum(axis=0) for rows in (ahead, ~ahead)]
+def _means(knots: Array, x: Array, speed: Array, force: Array) -> _Curve:
+    """Return the mean force near each knot that is passed both ways, forwards and backwards."""
+    hats, ways = Basis({"x": knots}).hats("x", x), (speed > 0.0, speed < 0.0)
+    weight = [hats[rows].sum(axis=0) for rows in ways]
     mean = [hats[rows].T @ force[rows] / np.maximum(w, 1e-300)
-            for rows, w in zip((ahead, ~ahead), weight, strict=True)]  # fmt: skip
+            for rows, w in zip(ways, weight, strict=True)]  # fmt: skip
     seen = (weight[0] > 0.0) & (weight[1] > 0.0)
     points = np.column_stack([knots, *mean])[seen]
     return tuple((float(k), float(a), float(b)) for k, a, b in points)

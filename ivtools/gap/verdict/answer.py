@@ -230,12 +230,13 @@ def no_better(
     ----------
     effects : sequence of str
     values : mapping of str to mapping
-        Parameters of those that the controller shows.
+        Parameters of those that the controller shows: of a limit its value is said.
     shrink : Shrink
         With them.
     """
-    told = {e: ", ".join(f"{k} {v:.4g}" for k, v in values.get(e, {}).items()) for e in effects}
-    names = ", ".join(f"{e} ({known})" if known else e for e, known in told.items())
+    limit = values.get("saturation", {}).get("limit", 0.0)  # in the unit of the command
+    told = {"saturation": f"saturation (at {limit:.4g})"}
+    names = ", ".join(told.get(e, e) for e in effects)
     errors = [quantity(x, shrink.unit) for x in (shrink.before, shrink.after)]
     text = f"with {names} in the model the held-out force error goes from {' to '.join(errors)}"
     rises = shrink.after > shrink.before
