@@ -10,10 +10,10 @@ preflight parity                     is the input fit, what does its controller 
 fold response floor                  what counts of it, how it answers, how noisy it is
 library screen spatial_lines         effects that may be missing, all at once
 fit candidate                        one of them, fitted on one fold and judged on the other
-discrepancy                          forces that any axis may have, and what repeats without a name
+discrepancy                          smooth laws, which may explain what names do; one is described
 attribute                            which effects are named, and how sure that is
-quantify locate advice verdict       how far the gap closes, where it is, what to record next
-diagnose diagnosis page              the process, its answer, the page of that
+quantify locate advice verdict       how far the gap closes, where it is, what to record, the answer
+diagnose diagnosis page              what calls all of these, its answer, the page of that
 simulator robot fleet                a simulator of one's own; n joints; many records
 rules                                every threshold that decides anything
 """

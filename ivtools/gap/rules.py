@@ -1,9 +1,9 @@
 """Rules: every threshold that a diagnosis decides by, what it means, and how it was found.
 
-In the order in which a record flows through the rooms. What belongs to one effect, as its bounds
-and where a search for it begins, is in its `Term`, unless it depends on the record (`BEHIND`,
-`LINKED`); what belongs to an algorithm of a lower layer, as the rough inertia or the difference of
-two logs, has a name there.
+Section by section, as the rooms are used; the thresholds of a name (`Rules`) are at the end. What
+belongs to one effect, as its bounds and where a search for it begins, is in its `Term`, unless it
+depends on the record (`BEHIND`, `LINKED`); what belongs to an algorithm of a lower layer, as the
+rough inertia or the difference of two logs, has a name there.
 
 Words:
 
@@ -12,12 +12,19 @@ fold                  one of two sets of samples that judge each other: a record
 held out              on the fold that an effect was not fitted to; the base parameters are tuned
                       again there
 whitened energy       mean square of the error after the noise filter: 1 is noise alone, the floor
-gap                   whitened energy of the base model less 1
+floor                 whitened energy 1; as a force, N or N m: what no model of the axis could close
+gap                   whitened energy of the base model less 1; in force: its error above the floor;
+                      of a backlash: its width
+reducible             force error before anything is named less the floor, both rms
 gain                  share of the whitened energy, noise included, that an effect removes held out
 block t value         t value of a sum over blocks of `BLOCK` seconds, which count as independent
 smooth law            a penalised spline over the state of the axis or its past
 force without a name  the smooth law that predicts held-out data best
 line                  a force that is periodic over position
+rival                 another effect of a round; one that cannot be told from the best (`CLEAN`), or
+                      one that can (`RIVAL`, `NO_RIVAL`, "rival" in `WEIGHTS`)
+to stand              of an effect: to be as large beside a force without a name as by itself
+x, of y               x as a share of y ("speed, of the largest": speed over the largest speed)
 valley                a minimum too narrow to be found by gradients
 second mass           a load behind a spring or a backlash
 
@@ -127,9 +134,11 @@ OVER_LIMIT = 1.05
 WRONG_UNIT = 2.0
 #: Inertia of the record over that of the axis file (physics: units, not payloads).
 INERTIA_RANGE = (0.05, 20.0)
-#: Share of samples at the limit beyond which nothing behind the command is named (training).
+#: Share of samples at the limit beyond which nothing behind the command is named (training). If the
+#: axis file states that limit, the record is refused.
 SATURATED = 0.2
-#: Share of samples at the limit beyond which nothing controls the axis (training, seeds 3010+).
+#: The same at an undeclared limit, beyond which the record is refused: nothing controls the axis
+#: (training, seeds 3010+).
 OPEN_LOOP = 0.9
 #: How near a factor must come to that of a unit, relative (physics).
 UNIT_NEAR = 0.2
@@ -149,8 +158,9 @@ OVERLAP = 0.1
 LOOKS, LOOK_WIDTH = 40, 50
 #: Share of different values in a stretch in which a signal moves (theory: else any two agree).
 MOVING = 0.5
-#: Ratio of the inertias of two records of one axis at most (physics: a payload weighs less than the
-#: axis that carries it; what it changes is said).
+#: Ratio of the inertias of two records from which they may be of two axes (physics: a payload
+#: weighs less than the axis that carries it; what it changes is said). They are refused if neither
+#: record can be simulated with the other's inertia either (`OTHER_VALUE`).
 SAME_AXIS = 2.0
 
 # --- pull and hanging: where no control law holds the axis ------------------------------------
@@ -338,7 +348,7 @@ DRY, TAKES_HOLD = 0.2, 5e-4
 
 # --- screen and fit: where a search looks -----------------------------------------------------
 
-#: Power of two: starting points in each box of an effect with many minima, in the screening
+#: Exponent of two: 2^3 starting points in each box of an effect with many minima, in the screening
 #: (numerics).
 GLANCE = 3
 #: Size of a whitened column from which its loop has diverged (numerics: its square overflows).
@@ -373,20 +383,20 @@ VALLEY_DEPTH = 0.9
 VALLEY_TIME = 4.0
 #: Samples that this takes at most: at high rates the stretch is shorter (numerics).
 VALLEY_SAMPLES = 4000
-#: Power of two, above the number of dimensions: points that fill the box before the search for a
-#: valley, whose best begin it (training: of gaps a tenth wide where the load has no friction, in
-#: six dimensions, one is met at least; 9 springs, in four, are found as well as from four times as
-#: many).
+#: Exponent of two, beside the number of dimensions: 2^(2 + dimensions) points fill the box before
+#: the search for a valley, whose best begin it (training: of gaps a tenth wide where the load has
+#: no friction, in six dimensions, one is met at least; 9 springs, in four, are found as well as
+#: from four times as many).
 FIRST_CROWD = 2
-#: The same at least, in a box of few dimensions (training: the valley of a light link is as narrow
-#: as a twentieth of its frequency, and 64 points missed one at 12.6 Hz).
+#: Exponent of two at least, dimensions included: 2^7 points (training: the valley of a light link
+#: is as narrow as a twentieth of its frequency, and 64 points missed one at 12.6 Hz).
 LEAST_CROWD = 7
-#: The same of a second search where the first finds no valley of `VALLEY_DEPTH`, and the whitened
-#: energy that nothing else explains, from which there is one (training: a gap that 512 points miss,
-#: or of which they find a shallow place; in 29 arms it would have been made 18 times, 11 of them
-#: for less, and found nothing).
+#: `FIRST_CROWD` of a second search, and the whitened energy that everything else must leave for it:
+#: made where the first finds no valley of `VALLEY_DEPTH` (training: a gap that 512 points miss, or
+#: of which they find a shallow place; in 29 arms it would have been made 18 times, 11 of them for
+#: less, and found nothing).
 SECOND_CROWD, LARGE = 4, 4.0
-#: Power of two: points at which the search for what a drive delivers begins (numerics).
+#: Exponent of two: 2^5 points at which the search for what a drive delivers begins (numerics).
 DELIVERED_POINTS = 5
 #: Points per dimension, and generations, of differential evolution (training).
 CROWD, GENERATIONS = 5, 24
@@ -406,8 +416,9 @@ ALONE = 4.0
 #: to be looked for in that one alone (cost: 0.9 in one that rattles; in seven of the slowest
 #: records nothing was found in both).
 RATTLES = 0.3
-#: Whitened energy, where the floor is 1, below which a record shows no gap (training: 98 of 100
-#: without an effect); wider searches and further laws of the speed are spared below it.
+#: Whitened energy, where the floor is 1, below which a record counts as without a gap (training: 98
+#: of 100 without an effect). Effects are looked for below it too, and named; only wider searches
+#: and further laws of the speed are spared.
 ADEQUATE = 1.12
 #: A record of n samples shows none up to `ADEQUATE` + (`SHORT` / n)^2, for its noise is badly known
 #: (training: 26 healthy records of 1100 to 3000 samples).
@@ -415,9 +426,11 @@ SHORT = 520
 #: Whitened energy that names leave from which none of it counts as floor, and the width below it
 #: over which the share that counts rises to all of it (training).
 ADEQUATE_NAMED, ALL_LEFT = 1.15, 0.1
-#: Correlation of what two effects change from which they are one law to first orders (judgement).
+#: Two effects whose changes of the error correlate by more than this are one law to first order
+#: (judgement).
 TWIN = 0.98
-#: Whitened energy below which nothing is left that could decide between rivals (training).
+#: Whitened energy below which nothing unknown is left that could favour one rival over another. A
+#: t value decides between the two of a pair below it only (training).
 CLEAN = 1.05
 #: Whitened energy that names leave, over that which smooth laws of the base model's motion leave,
 #: from which a force without a name may explain more (training: of 39 true names one lies above,
@@ -426,28 +439,33 @@ MORE = 1.03
 #: Whitened energy beyond which what is left in the end speaks against names (numerics: how well
 #: the floor is known).
 UNNAMED = 1.02
-#: Share of the gain by which effects differ at most that do equally well (judgement: gravity and
-#: a spring over a short arc differ by 1e-5 to 0.003; of 203 recorded cases no other two do).
+#: Two effects do equally well if their gains differ by at most this share (and what they leave by
+#: `EQUALLY`): the one with fewer parameters gets the name (judgement: gravity and a spring over a
+#: short arc differ by 1e-5 to 0.003; of 203 recorded cases no other two do).
 TIE = 0.005
 #: Energy that one effect leaves over that of another at most where both do equally well
 #: (judgement: at a gap of 1800 times the noise a spring for gravity leaves 3.8 times as much, and
 #: gains 0.997 of what that gains).
 EQUALLY = 1.05
-#: Effects of the screening that are fitted first; the others only as rivals of these (cost).
+#: Effects of the screening that are fitted first; of the others only what may be a rival of these,
+#: or all if none of these passes (cost).
 AT_FIRST = 2
-#: Of the best gain in the screening: what is below is not its rival (training).
+#: Least gain in the screening of such a rival, of the best gain (training).
 RIVAL = 0.35
 #: Of the gain of `Rules.steady`: an effect is fitted if the screening gives it more (training).
 WORTH_A_FIT = 0.4
 #: Share of a record unexplained by smooth laws that points to a second mass (training).
 ROUGH = 0.1
-#: Of what all effects remove, or the last one beside a valley has removed: an effect whose loss
-#: costs less is dropped again (training).
+#: An effect is dropped again if the model without it loses less than this share of what all effects
+#: remove; of the last one, asked only beside a valley, less than this share of what it removed
+#: (training).
 SUPERFLUOUS = 0.05
-#: Of that, a loss to first order from which an effect is not fitted without (cost).
+#: Multiple of that loss: where the loss to first order is larger, the effect is kept, and no model
+#: without it is fitted, unless an earlier one is a valley (cost).
 SURELY_NEEDED = 4.0
-#: Rounds in which either of two names is looked for beside the other (cost: the third is needed
-#: where the first name was the wrong one).
+#: If the first name is doubtful, another effect is looked for beside it, then the first anew beside
+#: that: so many rounds at most until two names find each other (cost: the third is needed where the
+#: first name was the wrong one).
 PAIR_ROUNDS = 3
 #: A second or later name falls if it removes less than this share of the energy above the floor
 #: that all names leave (training: of nine such names that left more than 1.05 three right ones
@@ -485,10 +503,10 @@ MOST_LEFT = 3.0
 #: Explained share of the gap from which nothing nameless is suspected (training, seeds 300 to 330,
 #: and 900 to 982 on MuJoCo; EMPS has 0.92).
 ENOUGH = 0.9
-#: Gain of another effect, relative to that of a name, from which the name is not the cause where a
-#: gap is left: what cannot be named resembles the cause more (training: of effects left out of the
-#: library, seeds 6003 to 6042, five such names, all wrong; of 282 true ones, of single effects,
-#: pairs, MuJoCo's and behind backgrounds, none).
+#: Gain of another effect, relative to that of a name, above which the name is not the cause, where
+#: names explain less than `ENOUGH`: what cannot be named resembles the cause more (training: of
+#: effects left out of the library, seeds 6003 to 6042, five such names, all wrong; of 282 true
+#: ones, of single effects, pairs, MuJoCo's and behind backgrounds, none).
 OUTDONE = 1.05
 #: The same where all names explain less than a third of the gap (behind backgrounds; training,
 #: 7300 to 7313: of five wrong names four have 0.64 to 0.75, of right ones none more than 0.50;
@@ -496,11 +514,11 @@ OUTDONE = 1.05
 LITTLE, NEARLY = 0.34, 0.6
 #: Probability that such a name is right (theory: none of five, and one more of each).
 UNLIKELY = 0.14
-#: Share of an effect that no smooth law could have, and gain of any other effect relative to its
-#: own, from which there is nothing that it could be taken for, and the probability that its name is
-#: right then, however few blocks show it (training: backlash of MuJoCo's, seeds 1109 to 1223, whose
-#: loads rattle otherwise than any simulation of them: eight of eight, and one more of each; nothing
-#: else passes in 66 other cases there, nor in 210 of 7000 on).
+#: Nothing can be taken for a second mass if smooth laws cannot have `APART` of it and no other
+#: effect gains `NO_RIVAL` of its gain. Its name is right with `SURE_APART` at least then, however
+#: few blocks show it (training: backlash of MuJoCo's, seeds 1109 to 1223, whose loads rattle
+#: otherwise than any simulation of them: eight of eight, and one more of each; nothing else passes
+#: in 66 other cases there, nor in 210 of 7000 on).
 APART, NO_RIVAL, SURE_APART = 0.85, 0.34, 0.9
 #: Ends of the scales of evidence: least gain and rest, most disagreement, least evenness: beyond
 #: them nothing more is said by more (training).
@@ -521,17 +539,19 @@ POSITION_KNOTS = 16
 #: The same at least, of a law without room for a line's periods: of two or three nobody can tell
 #: whether they are a line (judgement), and at most, of bumps as short as a period (numerics).
 LEAST_KNOTS, MOST_KNOTS = 8, 64
-#: Share of an effect that no smooth law could have from which none is behind its name; a line over
-#: position must have it of all that smooth laws and the line remove (training: 0.51 to 0.97 of
-#: twelve lines beside a real background or a nameless force, 0.30 to 0.51 of four that were bumps).
+#: Where no smooth law could have this share of an effect, no force without a name outmatches its
+#: name. A line over position must have it of all that smooth laws and the line remove (training:
+#: 0.51 to 0.97 of twelve lines beside a real background or a nameless force, 0.30 to 0.51 of four
+#: that were bumps).
 UNLIKE_SMOOTH = 0.5
-#: Share of the variance of a force over one signal that is the same forwards and backwards, at most
-#: where it is friction (training: 0.002 to 0.024 of four frictions over position, 0.034 to 0.8 of
-#: 13 forces over position and direction).
+#: A force over the position is friction if at most this share of its variance is the same forwards
+#: and backwards (training: 0.002 to 0.024 of four frictions over position, 0.034 to 0.8 of 13
+#: forces over position and direction).
 EVEN = 0.03
-#: Share of an effect that a force without a name, fitted beside it, leaves at least, where its
-#: amplitude `AGREES` with that by itself (training: of 30 names of forces without one, which
-#: replicate by themselves, two do; of 25 true ones, lost behind something else, ten).
+#: An effect stands beside a force without a name, fitted with it, if it keeps more than this share
+#: of its energy there, and its amplitude `AGREES` with that by itself (training: of 30 names of
+#: forces without one, which replicate by themselves, two stand; of 25 true ones, lost behind
+#: something else, ten).
 UNSHARED = 0.05
 #: Share of a line's gain that smooth laws may add where there is nothing but the line (judgement:
 #: a curve that is no sine leaves more).
@@ -571,38 +591,44 @@ ALIKE = 1e-10
 #: Whitened energy from which what is left is described, if it repeats (judgement: as `CLEAN`; what
 #: is half the floor, 1.25, must be).
 DESCRIBED = 1.05
-#: Block t value of the energy that it saves on held-out data (training). What else saves as much
-#: and has no name is an alternative.
+#: Block t value from which a force without a name saves energy on held-out data (training). If it
+#: saves so much more than names do, it surpasses them, unless with them it saves so much more than
+#: alone. An effect without a name that saves as much is an alternative.
 DISCREPANCY_T = 3.0
 #: Share of that energy from which fewer blocks are enough, and their t value (as of dominant
 #: effects: what depends on the load shows where the axis accelerates).
 DISCREPANCY_MOST = (0.5, 2.0)
-#: A force over so many signals or more may be like anything: beside names it needs one fewer. If it
-#: does with them, names may fall short of it by this share of what it removes (training: of 13 true
-#: names behind a real background that were lost for 0.01 to 0.1 seven spare it one; of 36 false
-#: ones one, lost for 0.103).
+#: A force over so many signals or more may be like anything: names stay beside it if it needs one
+#: signal fewer with them, and removes less with them than alone by at most this share (training: of
+#: 13 true names behind a real background that were lost for 0.01 to 0.1 seven spare it one; of 36
+#: false ones one, lost for 0.103).
 SEVERAL, SPARED = 3, 0.1
-#: Standard errors by which names may predict worse than a force without a name does (theory:
-#: Breiman et al., 1984; training: four false names were 1.1 to 5.7 worse; of true ones only one,
-#: without those that belong beside it, 2.5).
+#: Standard errors by which a force without a name may predict worse after names than after fewer or
+#: none. Names beyond that fall if that force is a law of one signal; else they count as "surpassed"
+#: in `WEIGHTS` (theory: Breiman et al., 1984; training: four false names were 1.1 to 5.7 worse; of
+#: true ones only one, without those that belong beside it, 2.5).
 STANDARD_ERRORS = 1.0
-#: Share of what is left above the floor from which it repeats (definition).
+#: What is left repeats if a force without a name removes this share of it above the floor
+#: (definition). Then the model is not adequate.
 REPEATS = 0.3
 #: Of the force error: what is smaller is not worth a word (taste).
 DISCREPANCY_SIZE = 0.1
 
 # --- verdict, remarks and advice --------------------------------------------------------------
 
-#: Share of the reducible force error that is closed where a gap is explained (definition).
+#: Share of the reducible force error that names close where a gap is explained (definition). It is
+#: too where they leave less than the tolerance above the floor.
 EXPLAINED = 0.9
-#: Per cent of the force below which a gap is negligible, unless a user says otherwise (taste).
+#: Per cent of the force: a gap is negligible if less than this of it is above the floor, unless a
+#: user says otherwise (taste). Negligible is a remark; for `adequate` see `ADEQUATE` and `UNSEEN`.
 TOLERANCE = 2.0
 #: A stretch stands out by at least this share of the tolerance, or of `TOLERANCE` if that is less
 #: (judgement: 32 withheld bursts stand out by 1.6 to 45 % of the force; where the noise is a
 #: thousandth, MuJoCo's dry friction, which is never quite dry, by 0.1 %).
 AUDIBLE = 0.5
-#: Of the tolerance: what is left above the floor where the whole error is below it, and the model
-#: adequate (judgement: half a step of MuJoCo's own, a twentieth of a sample, makes 0.2 %).
+#: Share of the tolerance. A model is adequate, whatever its whitened energy, if its whole error is
+#: below the tolerance and less than this is left above the floor (judgement: half a step of
+#: MuJoCo's own, a twentieth of a sample, makes 0.2 %).
 UNSEEN = 0.25
 #: Force error over the difference of two records of one motion that is a gap (training).
 OVER_FLOOR = 1.25
@@ -627,11 +653,13 @@ FEW_EDGES = 0.05
 CONFIDENCE = 0.95
 #: Blocks at least, also of a short stretch, for the interval of an error (theory).
 LEAST_BLOCKS = 10
-#: Share of the force error by which all names lower it at least (judgement: of two false names, on
-#: a healthy arm and a healthy axis with encoder noise, the larger lowered it by 0.0005).
+#: All names fall together if they do not lower the force error by this share of it (judgement: of
+#: two false names, on a healthy arm and a healthy axis with encoder noise, the larger lowered it by
+#: 0.0005). Where one was decided at the controller, any fall is enough.
 FAINT = 0.005
-#: Whitened energy from which they need not: fast noise is most of the force error, and the effect
-#: stands out of it (judgement: of those two the larger removed 0.02).
+#: Whitened energy that all names remove together, above which any fall is enough: fast noise is
+#: most of the force error, and the effect stands out of it (judgement: of those two the larger
+#: removed 0.02).
 HEARD = 0.05
 #: Share of the gap below which an effect closes nothing by itself (training).
 NOTHING_ALONE = 0.02
@@ -700,7 +728,7 @@ SINGULAR = 1e-12
 
 @dataclass(frozen=True)
 class Threshold:
-    """What an effect must reach on held-out data to be named.
+    """What an effect must reach on held-out data to pass; what else a name takes is in `Rules`.
 
     Parameters
     ----------
@@ -723,12 +751,15 @@ class Threshold:
 
 @dataclass(frozen=True)
 class Rules:
-    """What a name takes; the defaults were found on withheld effects (training).
+    """What qualifies an effect for a name; the defaults were found on withheld effects (training).
 
-    An effect passes if its parameters mean what its name says, the force error falls by `worth`,
-    it removes the `share` of its own threshold, and it reaches any one of these on the worse fold:
+    An effect passes if all of this holds. Its parameters mean what its name says. A line over
+    position is no smooth law and no other wave. The force error falls by `worth`. It removes the
+    `share` of its own threshold on both folds. And on the worse fold it reaches any one of these:
     its own threshold (`everywhere`, `periodic` or `other`), `steady`, or `dominant`; and where
-    their conditions hold `one_sided`, `thorough`, or `rough`.
+    their conditions hold `one_sided`, `thorough`, or `rough`. To pass is not yet to be named: it
+    must come near the largest gain (`equivalence_open`), stay beside a force without a name
+    (`STANDARD_ERRORS`), be likely enough (`LIKELY`), and still be needed (`SUPERFLUOUS`, `SLIGHT`).
 
     Parameters
     ----------
@@ -747,22 +778,24 @@ class Rules:
         An effect that dominates one record may show little in the other one, if it is as large
         there: a limit of the drive that a slower motion hardly reaches.
     thorough : Threshold
-        The first effect that removes such a `share` of what smooth laws of the state could remove
-        at all needs a smaller gain: most of the gap follows no law, as what the axis and a
+        The first effect needs a smaller gain if it removes such a `share` of what smooth laws of
+        the state could remove at all: most of the gap follows no law, as what the axis and a
         simulator with a pendulum do differently.
     rough : Threshold
-        An effect that no smooth law could have most of (`APART`), as a load that rattles: few
-        blocks show it, but nothing else looks like it.
+        For a second mass only, if no smooth law could have most of it (`APART`), as a load that
+        rattles: few blocks show it, but nothing else looks like it.
     equivalence : float
         Two effects are equivalent if their gains differ by less than this share.
     equivalence_open : float
-        The same where a gap is left in the end, which may decide between them; and the margin of
-        the largest gain within which an effect qualifies.
+        The same where names leave `CLEAN` or more: what is left may decide between them. Also the
+        margin of the largest gain within which an effect qualifies; and the share by which names
+        may fall short of a force without a name that is several laws at once.
     equivalence_law : float
-        The same against one law of the state, or of use, that has no name and explains all that the
-        names do (training: friction over position, a sine there and a parabola in the library,
-        falls short of such a law by 0.009 to 0.016 of the gap; springs and drifts that are no such
-        thing by 0.03 to 0.4). And two forms of one law, if their gains differ by less.
+        Share of what a force without a name removes, by which names may fall short of it, if it is
+        one law, of the state or of use (training: friction over position, a sine there and a
+        parabola in the library, falls short of such a law by 0.009 to 0.016 of the gap; springs and
+        drifts that are no such thing by 0.03 to 0.4). Also the share by which the gains of two
+        forms of one law (`TWIN`) differ at most.
     correlation : float
         They are not distinguishable if what they change correlates by more than this as well.
     distinguishable : float
@@ -770,7 +803,8 @@ class Rules:
     distinguishable_several : float
         The same t value where several effects are equivalent: the best form is likelier then.
     refit : int
-        Effects of the screening that are fitted: so many of all, and of those that last.
+        Effects of the screening that are fitted: the best so many of all, and the best so many of
+        those that are no function of time.
     most : int
         Most effects in a combination.
     similar : float
@@ -779,16 +813,18 @@ class Rules:
         Least share of the whole gap that an effect similar to a named one removes, but for a steady
         second mass of which no smooth law could have most (`APART`).
     search_left : float
-        Least share of what is left that makes another search for valleys worth while.
+        A search beyond the screening is made again in a later round for an effect that removed at
+        least this share, in an earlier one, of what is left now above the floor.
     swing : float
         Share of what all names removed that one more removes at least beside a second mass: the
         link of a robot is heavier in some poses (`SWUNG`), that of a single axis is not.
     worth : float
-        Share of the force, rms, by which a name lowers the force error at least, in energy; less
-        in proportion to a smaller tolerance (judgement: where the noise is a thousandth of the
-        force, all is significant: a simulator's steps, half of one too late, make 0.001 to 0.003,
-        and its dry friction, which is never quite dry, 0.0003; of 12 pairs and on the EMPS names
-        lower it by 0.008 at least, a flexible load of a withheld case by less than 0.005).
+        Least fall of the force error with a name: root of the fall of its mean square, as a share
+        of the force, rms; of a tolerance below `TOLERANCE`, less in proportion (judgement: where
+        the noise is a thousandth of the force, all is significant: a simulator's steps, half of
+        one too late, make 0.001 to 0.003, and its dry friction, which is never quite dry, 0.0003;
+        names of 12 pairs and on the EMPS records lower it by 0.008 at least, a flexible load of a
+        withheld case by less than 0.005).
     samples : int
         Of each record that are diagnosed at most, where it moves most (numerics: 200,000 take a
         minute and 4 GB; judgement: 20 s of a fast controller's log).
@@ -819,12 +855,12 @@ class Rules:
 
     @property
     def later(self) -> Rules:
-        """What a name takes after the first one: most of what that leaves is not much."""
+        """The rules after the first name: `thorough` is as `steady`, for what is left is little."""
         return replace(self, thorough=self.steady)
 
     @property
     def at_floor(self) -> Rules:
-        """What a name takes where hardly more than the floor is left: it agrees as a steady one.
+        """The rules where less than `CLEAN` is left: own thresholds ask for a steady agreement.
 
         Training: of 60 pairs the second names there agree within 1.14; two false ones, beside the
         swing of another joint's link, to 1.5 and 1.55.

@@ -2,7 +2,7 @@
 
 rounds       one more effect is looked for
 evidence     what speaks for its name, and the probability that it is right
-kept         how many names stay beside a force without one
+kept         how many names stay where a force without a name may explain as much
 attribution  what got a name, and what speaks for it
 selection    forward over the rounds, and backward over what a later one made superfluous
 """

@@ -3,7 +3,7 @@
 process     what a user calls; one BLAS thread for as long as it runs
 begun       the base model and the floor of each record, nothing named yet
 named       effects: on both records, on one alone, or without the stretches that stand out
-finished    where the gap is and how far it closes; what does not lower the error loses its name
+finished    where the gap is, how far it closes; all names fall if together they lower no error
 refused     what is said where no diagnosis can begin
 """
 

@@ -1,6 +1,6 @@
 """Preflight: are records and axis file fit to be judged, and what drives the simulated loop.
 
-findings     the first fault that spoils everything behind it
+findings     faults of the input; after a fatal one no later check is made
 plausible    units and signs that give themselves away
 pull         what the loop follows, and what holds it where nothing else does
 hanging      gravity where no control law is known

@@ -4,7 +4,8 @@ answer     one word, and what is to be said beside it
 ranking    every effect that was tried, and how much each closes by itself
 replica    whether a named effect does the same on either side
 
-The thresholds are in `rules`; names that do not lower the force error have fallen before.
+The thresholds are in `rules`. If all names together do not lower the force error (`lowers`), all of
+them fall before there is an answer.
 """
 
 from .answer import (
