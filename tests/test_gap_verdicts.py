@@ -248,7 +248,7 @@ def test_the_curve_of_a_force_without_a_name_is_drawn_with_its_units(hilly):
     ("over", "signals", "said"),
     [
         (("q",), ("q",), "position and direction"),
-        (("state", "q"), ("q", "dq"), "position and speed together and direction"),
+        (("state", "q"), ("q", "dq"), "position and speed together, and direction"),
         (("gain", "drive"), ("load", "q", "dq", "drive"),
          "load times position or speed and the force of the drive"),
         (("warm", "heat"), ("dq", "past"), "how much moved before"),
@@ -259,10 +259,10 @@ def test_the_curve_of_a_force_without_a_name_is_drawn_with_its_units(hilly):
 def test_at_most_three_signals_of_a_force_without_a_name_are_told(over, signals, said):
     found = Discrepancy(1.9e-3, "N", over, 0.5, 2.5e-3, 0.9e-3, ())
     assert found.signals == signals and found.to_dict()["over"] == list(signals)
-    kind = "law that remembers the motion" if "past" in signals else "static law"
+    kind = "smooth law with a memory" if "past" in signals else "smooth static law"
     assert found.text == (
         f"a force of 1.9 mN rms repeats over {said} and is not among the known effects; "
-        f"any {kind} would leave about 0.9 of 2.5 mN rms"
+        f"a {kind} would leave about 0.9 of 2.5 mN rms"
     )
 
 
