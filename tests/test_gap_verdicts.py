@@ -487,25 +487,27 @@ def test_an_effect_of_time_or_use_falls_where_friction_that_remembers_use_does_b
 
 
 @pytest.mark.parametrize(
-    ("effect", "over", "even", "kept"),
+    ("effect", "over", "first", "even", "kept"),
     [
-        ("position-friction", "q", 0.01, True),
-        ("position-friction", "q", 0.2, False),  # a force by direction
-        ("position-friction", "dq", 0.01, False),
-        ("load-friction", "q", 0.01, False),
+        ("position-friction", ("q",), 1.0, 0.01, True),
+        ("position-friction", ("q",), 1.0, 0.2, False),  # a force by direction
+        ("position-friction", ("q", "past"), 0.97, 0.01, True),  # and little else
+        ("position-friction", ("q", "past"), 0.8, 0.01, False),
+        ("position-friction", ("dq",), 1.0, 0.01, False),
+        ("load-friction", ("q",), 1.0, 0.01, False),
     ],
 )
 def test_friction_over_position_is_not_outdone_by_its_own_curve(
-    effect, over, even, kept, monkeypatch
+    effect, over, first, even, kept, monkeypatch
 ):
     base, held = (left(3.0),), (left(0.9),)
-    law, both = replace(spline(0.6, (over,)), even=lambda: even), spline(0.7, (over,))
+    law, both = replace(spline(0.6, over), even=lambda: even, first=first), spline(0.7, ("q",))
     laws = SimpleNamespace(fitted=lambda f: law if f is base else both)
     monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
     term = EFFECTS[effect]
     trial = SimpleNamespace(term=term, name=effect, unlike=0.0, stands=lambda laws: False)
     told = names_kept([base, held], laws, [(trial,)], Rules())
-    assert told == ((1, 1, {effect}) if kept else (0, 0, set()))
+    assert (told.told, told.certain) == ((1, {effect}) if kept else (0, set()))
     told = names_kept([base, held], laws, [(trial,)], Rules(), effect)  # by a further sensor
     assert told == (1, 1, {effect})
 

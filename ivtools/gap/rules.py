@@ -544,9 +544,10 @@ LEAST_KNOTS, MOST_KNOTS = 8, 64
 #: 0.51 to 0.97 of twelve lines beside a real background or a nameless force, 0.30 to 0.51 of four
 #: that were bumps).
 UNLIKE_SMOOTH = 0.5
-#: A force over the position is friction if at most this share of its variance is the same forwards
-#: and backwards (training: 0.002 to 0.024 of four frictions over position, 0.034 to 0.8 of 13
-#: forces over position and direction).
+#: A force over the position, to which other signals add at most `SPARED` of all that it removes, is
+#: friction if at most this share of its variance is the same forwards and backwards (training:
+#: 0.002 to 0.024 of four frictions over position, 0.034 to 0.8 of 13 forces over position and
+#: direction; of nine forces that need further signals none has a name by it).
 EVEN = 0.03
 #: An effect stands beside a force without a name, fitted with it, if it keeps more than this share
 #: of its energy there, and its amplitude `AGREES` with that by itself (training: of 30 names of

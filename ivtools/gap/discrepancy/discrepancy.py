@@ -37,6 +37,7 @@ from ..rules import (
     EVEN,
     PENALTIES,
     POSITION_KNOTS,
+    SPARED,
     UNSHARED,
 )
 from .smooth import OF_USE, Basis, Columns, beside, signals
@@ -329,6 +330,8 @@ class Spline:
         variance, 0 to 1.
     periods : tuple of float
         Of waves over position, m or rad.
+    first : float
+        Share of the gain that its first signal has by itself.
     """
 
     over: tuple[str, ...]
@@ -339,11 +342,12 @@ class Spline:
     rest: Callable[[Sequence[Array]], Sequence[Array]] = list
     even: Callable[[], float] = lambda: 1.0
     periods: tuple[float, ...] = ()
+    first: float = 1.0
 
     @property
     def of_place(self) -> bool:
-        """Whether it is friction over the position alone, whatever its curve."""
-        return self.over == ("q",) and self.even() < EVEN
+        """Whether it is friction over the position, whatever its curve, and little else."""
+        return self.over[:1] == ("q",) and self.first >= 1.0 - SPARED and self.even() < EVEN
 
     @property
     def of_use(self) -> bool:
@@ -538,9 +542,11 @@ class _Search:
     def best(self) -> Spline:
         """Return the spline that predicts the other fold best."""
         now = _Step(0.0, (), [np.zeros(len(e)) for e in self.rests])
+        steps = []
         while then := next((s for s in self.ahead(now) if self._tells(now, s)), None):
-            now = then
-        return self.spline(now)
+            steps.append(now := then)
+        first = steps[0].gain / steps[-1].gain if steps else 1.0
+        return replace(self.spline(now), first=first)
 
     def of_use(self) -> Spline:
         """Return the best of splines over how much the axis moved before."""
@@ -606,7 +612,7 @@ class _Search:
 
         Its columns are those of `Basis.over`: hats, and the same with the sign of the motion.
         """
-        size, sign = np.split(self._beta(step)[self._rows(step.over)], 2)
+        size, sign = np.split(self._beta(step)[self._rows(step.over[:1])], 2)
         one, two = float(np.var(size)), float(np.var(sign))
         return one / max(one + two, 1e-300)
 
