@@ -13,7 +13,7 @@ import ivtools as iv
 from benchmarks import moves
 from ivtools.errors import DataError, IVToolsError, RecordError
 from ivtools.gap.attribute.kept import names_kept, outmatched
-from ivtools.gap.discrepancy import Basis, Columns, Discrepancy, Spline
+from ivtools.gap.discrepancy import Basis, Columns, Discrepancy, Laws, Spline, stands
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
 from ivtools.gap.rules import Rules
@@ -284,6 +284,19 @@ def test_a_gap_that_only_one_record_can_show_is_no_force_from_outside():
     assert gap.block != "outside"
 
 
+def test_a_curve_is_of_what_the_base_model_has_not(hilly):
+    """A law has friction and offset as well, of any size that the base model takes back."""
+    left = hilly.discrepancy
+    ways = np.array(left.curve)[:, 1:]
+    assert 0.3 * left.rms < np.sqrt(np.mean(ways**2)) < 2.0 * left.rms
+    one = iv.datasets.twin()
+    run = iv.axes.emps().simulate(one, BASE)
+    fold = SimpleNamespace(keep=np.ones(one.n_samples, bool), record=one)
+    dq = run.dq[:, 0]
+    force = 100.0 * np.sign(dq) + 30.0 * dq - 5.0
+    assert np.max(np.abs(discrepancy._beyond(force, SimpleNamespace(fold=fold), run))) < 1e-6
+
+
 def test_a_curve_needs_both_directions():
     """A spindle that turns one way only has none; standing is no direction."""
     rng = np.random.default_rng(1)
@@ -463,7 +476,7 @@ def test_an_effect_stands_beside_a_force_without_a_name_that_only_resembles_it(s
     for name, change in {"true": [f[1] for f in folds], "like": [f[2] for f in folds]}.items():
         amplitude = [x @ f.e / (x @ x) for x, f in zip(change, before, strict=True)]
         held = fits(*(f.e - a * x for f, a, x in zip(before, amplitude, change, strict=True)))
-        names[name] = discrepancy.stands(before, held, laws)
+        names[name] = stands(before, held, laws)
     assert names == {"true": True, "like": False}
 
 
@@ -477,7 +490,7 @@ def test_an_effect_of_time_or_use_falls_where_friction_that_remembers_use_does_b
     base, held = (left(3.0),), (left(0.9),)
     law, both = spline(0.6, (most,)), spline(0.2)
     laws = SimpleNamespace(fitted=lambda f: law if f is base else both, of_use=lambda f: law)
-    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
+    monkeypatch.setattr(Laws, "of", lambda fits: laws)
     term = EFFECTS[effect]
     trial = SimpleNamespace(term=term, name=effect, unlike=0.9)  # no law of the state could have it
     assert names_kept([base, held], laws, [(trial,)], Rules())[:2] == (names, names)
@@ -503,7 +516,7 @@ def test_friction_over_position_is_not_outdone_by_its_own_curve(
     base, held = (left(3.0),), (left(0.9),)
     law, both = replace(spline(0.6, over), even=lambda: even, first=first), spline(0.7, ("q",))
     laws = SimpleNamespace(fitted=lambda f: law if f is base else both)
-    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
+    monkeypatch.setattr(Laws, "of", lambda fits: laws)
     term = EFFECTS[effect]
     trial = SimpleNamespace(term=term, name=effect, unlike=0.0, stands=lambda laws: False)
     told = names_kept([base, held], laws, [(trial,)], Rules())
@@ -523,7 +536,7 @@ def test_an_effect_of_time_that_beats_use_is_held_against_the_other_laws(use, mo
         of_use=lambda f: spline(use),
         without_use=others,
     )
-    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
+    monkeypatch.setattr(Laws, "of", lambda fits: laws)
     term = EFFECTS["friction-drift"]
     trial = SimpleNamespace(term=term, name=term.name, unlike=0.0, stands=lambda laws: False)
     told = names_kept([base, held], laws, [(trial,)], Rules())
@@ -541,7 +554,7 @@ def test_what_changes_with_use_may_be_a_drift_that_gets_the_second_name(use, nam
         of_use=lambda f: spline(1.3 if f is models[0] else use),
         without_use=rest,
     )
-    monkeypatch.setattr(discrepancy.Laws, "of", lambda fits: laws)
+    monkeypatch.setattr(Laws, "of", lambda fits: laws)
     pair = [
         SimpleNamespace(term=EFFECTS[n], name=n, unlike=0.0, stands=lambda laws: False)
         for n in ("spring", "friction-drift")

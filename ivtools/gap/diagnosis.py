@@ -170,7 +170,7 @@ class Diagnosis(Displayed):
             (
                 r.effect,
                 f"{100 * r.closed:.0f} %",
-                "-" if r.effect in self.later else r.chance,
+                self.p_value(r),
                 "yes" if r.effect in self.effects else "replicates" if r.replicates else "",
             )
             for r in self.ranking[:8]
@@ -309,6 +309,10 @@ class Diagnosis(Displayed):
         """Named effects whose p value, of each by itself, tells nothing: they show later."""
         fitted = {r.effect for r in self.ranking if r.held_out}
         return tuple(e for e in self.effects if e in self.beside or e not in fitted)
+
+    def p_value(self, ranked: Ranked) -> str:
+        """Return a p value of the ranking as it is printed."""
+        return "-" if ranked.effect in self.later else ranked.chance
 
     @property
     def said_of_beside(self) -> list[str]:

@@ -328,8 +328,7 @@ def named_table(diagnosis: Diagnosis) -> Text:
 def ranking_table(diagnosis: Diagnosis) -> Text:
     """Return what each effect closes by itself, the most first."""
     rows = [
-        [r.effect, f"{100 * r.closed:.0f} %", "-" if r.effect in diagnosis.later else r.chance]
-        for r in diagnosis.ranking[:8]
+        [r.effect, f"{100 * r.closed:.0f} %", diagnosis.p_value(r)] for r in diagnosis.ranking[:8]
     ]
     return table("Ranking", [], ["effect", "closes by itself", "p value"], rows)
 

@@ -188,7 +188,7 @@ def ranking(axes: Axes, diagnosis: Diagnosis) -> None:
         axes.annotate(told, (closed, y), (3, 0), **_BESIDE)
     axes.set_yticks(range(len(shown)), [r.effect for r in shown])
     axes.tick_params(axis="y", length=0)
-    axes.set_xlim(0.0, max(1.7 * 100 * max((r.closed for r in shown), default=0.0), 10.0))
+    axes.set_xlim(0.0, max(2.1 * 100 * max((r.closed for r in shown), default=0.0), 10.0))
     room = 140.0 if twins or diagnosis.beside else 102.0
     axes.set_xlim(right=min(axes.get_xlim()[1], room))
     axes.set_xlabel("closes by itself, % of the reducible gap")

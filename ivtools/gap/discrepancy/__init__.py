@@ -1,20 +1,12 @@
 """Discrepancy: a force that repeats and is none of the known effects.
 
 smooth         forces that any axis may have, as hat functions of its state and of its past
-discrepancy    the one that predicts held-out data best, described instead of named
+laws           the one of them that predicts held-out data best, and what it says of names
+discrepancy    that one described, instead of named
 """
 
-from .discrepancy import (
-    Discrepancy,
-    Laws,
-    Spline,
-    advantage,
-    beside_law,
-    describe,
-    least_t,
-    nothing,
-    stands,
-)
+from .discrepancy import Discrepancy, describe
+from .laws import Laws, Spline, advantage, beside_law, least_t, nothing, stands
 from .smooth import Basis, Columns, a_line, beside, other_waves, smooth_rest, unlike_smooth
 
 __all__ = [
