@@ -95,7 +95,7 @@ def test_an_effect_that_one_motion_hides_is_told_by_the_other():
     """At constant speed friction of the load is dry and viscous friction."""
     loop = iv.axes.emps().with_effect("load-friction", ratio=0.08)
     t = np.arange(0.0, SECONDS, moves.DT)
-    q_ref = 0.1 + 0.08 * np.sin(2.0 * np.pi * 0.08 * t)
+    q_ref = 0.1 + 0.08 * np.sin(2.0 * np.pi * 0.04 * t)
     asked = Record(t, q_ref, q_ref=q_ref, nu=q_ref)
     noise = np.random.default_rng(8).normal(0.0, moves.FORCE_NOISE, len(t))
     ran = loop.simulate(asked, loop.values(BASE), initial="rest", force_noise=noise)

@@ -129,24 +129,25 @@ def test_a_drive_that_delivers_half_of_what_is_asked_is_found(seeds):
     assert gap.parameters["inner-saturation"]["force"] == pytest.approx(124.0, rel=0.015)
 
 
-def test_what_dominates_one_record_may_show_little_in_the_other():
+def test_what_replicates_passes_where_it_is_worth_a_name():
+    """It may dominate one record and show little in the other one."""
     trial = SimpleNamespace(
         term=EFFECTS["inner-saturation"],
-        gains=np.array([0.9, 0.002]),
-        shares=np.ones(2),
-        closable=np.ones(2),
+        shares=np.array([0.9, 0.002]),
         t=np.array([500.0, 20.0]),
-        disagreement=1.05,
         sound=True,
         lowered=0.1,
-        apart=False,
     )
-    trial.reaches = lambda least: candidate.Trial.reaches(trial, least)
     assert candidate.Trial.passes(trial, Rules())
-    trial.disagreement = 1.3
-    assert not candidate.Trial.passes(trial, Rules())
-    trial.disagreement, trial.gains = 1.05, np.array([0.4, 0.002])
-    assert not candidate.Trial.passes(trial, Rules())
+    for change in (
+        {"shares": np.array([0.9, -0.002])},
+        {"term": EFFECTS["stribeck"]},  # any axis shows a little of it
+        {"t": np.array([500.0, 2.0])},
+        {"sound": False},
+        {"lowered": 0.5 * Rules().worth ** 2},
+    ):
+        worse = SimpleNamespace(**{**vars(trial), **change})
+        assert not candidate.Trial.passes(worse, Rules())
 
 
 class Model:

@@ -158,7 +158,7 @@ class Attribution:
     def proof(self, r: Round, trial: Trial) -> Evidence:
         """Return what speaks for one of the effects that were tried in a round."""
         others = [t for t in r.trials if t not in (trial, *self.rivals(r))]
-        found = weigh(trial, others, self.base, self.rules, self.full or self.held)
+        found = weigh(trial, others, self.base, self.full or self.held)
         if trial.name in self.certain:
             return replace(found, certain=True)
         return replace(found, surpassed=trial.name in self.surpassed)

@@ -15,19 +15,14 @@ from ..rules import (
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     LIKELY,
-    LITTLE,
-    MOST_DISAGREEMENT,
     MOST_LEFT,
-    NEARLY,
     NO_RIVAL,
     OUTDONE,
     SURE_APART,
     SUREST,
     UNEVEN_LEFT,
     UNLIKELY,
-    UNNAMED,
     WEIGHTS,
-    Rules,
 )
 
 
@@ -85,17 +80,8 @@ class Evidence:
 
     @property
     def outdone(self) -> bool:
-        """Whether an effect that cannot be named removes more, and much of the gap is left.
-
-        Nearly as much is enough where all names explain little: what is there may be like both.
-        """
-        most = NEARLY if self.little else OUTDONE
-        return self.rival > most and self.explained < ENOUGH
-
-    @property
-    def little(self) -> bool:
-        """Whether all names explain little of the gap."""
-        return self.explained < LITTLE
+        """Whether an effect that cannot be named removes more, and much of the gap is left."""
+        return self.rival > OUTDONE and self.explained < ENOUGH
 
     @property
     def unrivalled(self) -> bool:
@@ -111,7 +97,6 @@ def evidence(
     trial: Trial,
     rivals: Sequence[Trial],
     base: Sequence[Fit],
-    rules: Rules,
     held: Sequence[Fit] = (),
 ) -> Evidence:
     """Return what speaks for the effect of a trial.
@@ -123,12 +108,11 @@ def evidence(
         What else was tried in the same round, and is distinguishable from it.
     base : sequence of Fit
         The model without any effect.
-    rules : Rules
     held : sequence of Fit
         The model with all that is named; without it, all that is left may yet get a name.
     """
     whole = max(cost(base) - 1.0, 1e-9)
-    rest = cost(held) - max(left_by_smooth_laws(base), UNNAMED) if held else 0.0
+    rest = cost(held) - left_by_smooth_laws(base) if held else 0.0
     return Evidence(
         gain=float(np.min(trial.gains)),
         t=float(np.min(trial.t)),
@@ -139,7 +123,7 @@ def evidence(
         explained=1.0 - max(rest, 0.0) / whole,
         unlike=trial.unlike,
         evenness=trial.evenness(held) if held else 1.0,
-        apart=trial.apart and float(np.min(trial.gains)) >= rules.rough.gain,
+        apart=trial.apart,
     )
 
 
@@ -151,7 +135,7 @@ def features(proof: Evidence) -> dict[str, float]:
     removed = max(proof.gain, LEAST_EVIDENCE) / max(1.0 - proof.gain, LEAST_EVIDENCE)
     return {
         "t": float(np.log(max(proof.t, 1.0))),
-        "disagreement": float(np.log(min(max(proof.disagreement, 1.0), MOST_DISAGREEMENT))),
+        "disagreement": float(np.log(max(proof.disagreement, 1.0))),
         "rival": alone * float(np.clip(proof.rival, 0.0, 1.0)),
         "gain": alone * unlike * float(np.log(removed)),
         "surpassed": float(proof.surpassed),
@@ -190,21 +174,20 @@ def weigh(
     trial: Trial,
     others: Sequence[Trial],
     base: tuple[Fit, ...],
-    rules: Rules,
     held: tuple[Fit, ...] = (),
 ) -> Evidence:
     """Return the evidence for an effect; where it leaves doubt, also whether the effect stands.
 
     What does not stand beside a force without a name is no rival of what does.
     """
-    found = evidence(trial, others, base, rules, held)
-    if probability(found) >= LIKELY or (found.outdone and found.little):
+    found = evidence(trial, others, base, held)
+    if probability(found) >= LIKELY:
         return found
     laws = Laws.of(common(base))
     if not trial.stands(laws):
         return found
     rivals = [t for t in others if t.gain > trial.gain and t.stands(laws)]
-    return replace(evidence(trial, rivals, base, rules, held), stands=True)
+    return replace(evidence(trial, rivals, base, held), stands=True)
 
 
 def cost(fits: Sequence[Fit]) -> float:

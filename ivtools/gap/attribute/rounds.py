@@ -26,7 +26,6 @@ from ..rules import (
     CLEAN,
     DRAWS,
     EQUALLY,
-    LEADING,
     MOST,
     RIVAL,
     ROUGH,
@@ -87,12 +86,9 @@ class Round:
     def rivals(self, rules: Rules, left: float) -> tuple[Trial, ...]:
         """Return what is not distinguishable from the best: the same change, as large.
 
-        One rival stays in doubt longer than several: the form of a law is never quite that of the
-        axis, which moves a single pair of curves apart that are the same in kind; of several at
-        once the better form is the likelier one, unless they change the error in all but the same
-        way, as a spring and gravity do over a short stroke. Where a gap is left in the end,
-        whatever makes it may decide between a pair: the margin is wider, and a t value decides
-        nothing; nor does it there between laws of the speed, however many, for they bend alike.
+        Where a gap is left in the end, whatever makes it may decide between them: the margin is
+        wider, and a t value decides nothing. Nor does it between two that do all but equally
+        well, as a spring and gravity do over a short stroke.
 
         Parameters
         ----------
@@ -108,34 +104,9 @@ class Round:
         near = [t for t in self.trials if t is not best and t.gain >= least and t.sound]
         rivals = [t for t in near if best.correlation(t) > rules.correlation]
         if clean:
-            rivals = [
-                t
-                for t in rivals
-                if best.advantage(t) < rules.distinguishable
-                or (_equal(t, best, rules.equivalence_law) and best.correlation(t) > TWIN)
-            ]
-        if len(rivals) > 1:
-            several = rules.distinguishable_several
-            bent = not clean and best.term.of_speed  # by what is left: no form is likelier
-            rivals = [
-                t
-                for t in rivals
-                if best.correlation(t) > TWIN
-                or best.advantage(t) < several
-                or (bent and t.term.of_speed)
-            ]
+            told = rules.distinguishable
+            rivals = [t for t in rivals if best.advantage(t) < told or _equal(t, best, TWIN)]
         return tuple(rivals)
-
-    def led(self, rules: Rules) -> Round:
-        """Return the round; where nothing qualifies, with the effect that another one may hide.
-
-        The largest one that removes much on both folds, and nearly the same.
-        """
-        large = (t for t in self.trials if np.min(t.shares) >= LEADING and t.sound)
-        much = [t for t in large if t.reaches(rules.everywhere)]
-        if self.qualified or not much:
-            return self
-        return self.ending(max(much, key=lambda t: t.gain))
 
     def ending(self, trial: Trial) -> Round:
         """Return the round as if this effect got the name."""
@@ -194,10 +165,6 @@ def play(
     """
     last = rounds[-1].best if rounds else None
     fits, held = (last.fits, last.held) if last else (base, base)
-    if rounds:
-        rules = rules.later
-    if cost(held) < CLEAN:
-        rules = rules.at_floor
     found = _screened(sides, fits, terms)
     removed = {n: size for r in rounds for n, size in r.removed.items()}
     sensed = next(iter(BEHIND)) if all(s.scales.second_body for s in sides) else ""
@@ -206,11 +173,7 @@ def play(
     vain = {n: (1.0 - VALLEY_DEPTH) * cost(held) for n, t in tried.items() if t is None}
     similar = set().union(*(r.similar(rules.similar) for r in rounds))
     least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
-    new = [
-        t
-        for t in trials
-        if t.name not in similar or t.removed > least or (t.apart and t.reaches(rules.steady))
-    ]
+    new = [t for t in trials if t.name not in similar or t.removed > least or t.apart]
     named = [r.best.term for r in rounds if r.best is not None]
     if cost(held) < ADEQUATE and any(t.of_speed for t in named):
         new = [t for t in new if not t.term.of_speed]  # the form of a law is never quite the axis's
@@ -265,11 +228,10 @@ def _tried(
     """
     gains = _gains(found)
     valleys = {n for n in gains if found[0][n].term.search == "valleys"}
-    least = WORTH_A_FIT * rules.steady.gain
     # four sizes flatter a drift in the screening: it takes no other effect's place
     lasting = [n for n in gains if not found[0][n].term.of_time]
     first = {*list(gains)[: rules.refit], *lasting[: rules.refit]}
-    chosen = [n for n in gains if n in first and gains[n] > least]
+    chosen = [n for n in gains if n in first and gains[n] > WORTH_A_FIT]
     chosen += [n for n in gains if n == sensed and n not in chosen]
     tried: dict[str, Trial | None] = {}
     explains = replace(rules, worth=0.0)  # what is too little for a name explains the rest too

@@ -23,7 +23,6 @@ from ..fold import Side
 from ..library import library
 from ..rules import (
     CLEAN,
-    ENOUGH,
     LIKELY,
     MORE,
     MOST,
@@ -74,7 +73,7 @@ def attribute(
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
     laws = Laws.of(models[0]) if left else None
     sensed = rounds[0].sensed if rounds else ""
-    most, told, certain = names_kept(models, laws, groups, rules, sensed)
+    most, told, certain = names_kept(models, laws, groups, sensed)
     fits, held = (ends[most - 1].fits, ends[most - 1].held) if most else (base, base)
     won = [t for group in groups[:most] for t in group]
     names = [t.name for t in won]
@@ -120,8 +119,7 @@ class _Selection:
         room = self.rules.most
         while room:
             rounds.append(self.play(rounds))
-            lead = rounds[-1] if groups else rounds[-1].led(self.rules)
-            group, more = self._next(rounds, lead, room)
+            group, more = self._next(rounds, room)
             rounds += more
             if not group:
                 break
@@ -131,29 +129,25 @@ class _Selection:
             room -= len(group)
         return tuple(rounds), groups, False
 
-    def _next(
-        self, rounds: Sequence[Round], lead: Round, room: int
-    ) -> tuple[tuple[Trial, ...], list[Round]]:
+    def _next(self, rounds: Sequence[Round], room: int) -> tuple[tuple[Trial, ...], list[Round]]:
         """Return what gets a name after the last round, and further rounds that this took.
 
         Parameters
         ----------
         rounds : sequence of Round
-        lead : Round
-            The last one, or with an effect that does not qualify by itself.
         room : int
             Names that may still be given.
         """
-        best, last, qualifies = lead.best, rounds[-1], lead is rounds[-1]
+        last = rounds[-1]
+        best = last.best
         if best is None:
             return (), []
-        if self._beyond((best,)) or (qualifies and not self._doubtful(best, last)):
+        if self._beyond((best,)) or not self._doubtful(best, last):
             return (best,), []
-        more = self._pair([*rounds[:-1], lead]) if room > 1 else []
+        more = self._pair(rounds) if room > 1 else []
         if more:
             return tuple(r.best for r in more[-2:] if r.best is not None), more
-        stays = qualifies and not self._doubtful(best, last, asked=True)
-        return ((best,) if stays else ()), []
+        return (() if self._doubtful(best, last, asked=True) else (best,)), []
 
     def _pair(self, rounds: Sequence[Round]) -> list[Round]:
         """Return further rounds that end with either of two effects beside the other, or nothing.
@@ -227,7 +221,7 @@ class _Selection:
         """
         rivals = last.rivals(self.rules, cost(best.held))
         others = [t for t in last.trials if t not in (best, *rivals)]
-        found = (weigh if asked else evidence)(best, others, self.base, self.rules)
+        found = (weigh if asked else evidence)(best, others, self.base)
         return probability(found) < LIKELY
 
 
@@ -251,7 +245,7 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
     models = [common(fits) for fits in (base, frozen(sides, found.fits))]
     laws = Laws.of(models[0])
     winners = [tuple(t for _, t in found.winners.values())]
-    if laws is None or names_kept(models, laws, winners, found.rules).told:
+    if laws is None or names_kept(models, laws, winners).told:
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 
@@ -322,10 +316,9 @@ def _lost(fit: Fit, name: str) -> float:
 def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:
     """Whether names leave so much that a force without one may explain more.
 
-    Much for the noise, or for a gap that is small.
+    Much for the noise, or for what smooth laws leave.
     """
-    rest, floor = cost(held), left_by_smooth_laws(base)
-    return rest >= min(CLEAN, MORE * floor) or rest - floor > (1.0 - ENOUGH) * (cost(base) - 1.0)
+    return cost(held) >= min(CLEAN, MORE * left_by_smooth_laws(base))
 
 
 def _without(sides: tuple[Side, ...], fits: tuple[Fit, ...], name: str) -> tuple[Fit, ...]:

@@ -14,7 +14,7 @@ from ..discrepancy import Laws, a_line, other_waves, smooth_rest, stands, unlike
 from ..fit import Fit, common
 from ..fold import Fold, block_t
 from ..library import Scales
-from ..rules import AGREES, APART, EXACT, OTHER_WAVE_T, UNLIKE_SMOOTH, Rules, Threshold
+from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, OTHER_WAVE_T, UNLIKE_SMOOTH, Rules
 
 Array = NDArray[np.float64]
 
@@ -100,17 +100,8 @@ class Trial:
     @property
     def shares(self) -> Array:
         """Share of the reducible gap removed on held-out data, per fold; the floor is 1."""
-        return self._removed_of([1.0 for _ in self.before])
-
-    @property
-    def closable(self) -> Array:
-        """Share of the energy that smooth laws of the state could remove, per fold."""
-        return self._removed_of([max(b.fold.smooth, 1.0) for b in self.before])
-
-    def _removed_of(self, floors: Sequence[float]) -> Array:
-        """Return the share removed of the energy above a floor, per fold."""
-        folds = zip(self.held, self.before, floors, strict=True)
-        return np.array([(b.cost - h.cost) / max(b.cost - f, 1e-9) for h, b, f in folds])
+        both = zip(self.held, self.before, strict=True)
+        return np.array([(b.cost - h.cost) / max(b.cost - 1.0, 1e-9) for h, b in both])
 
     @property
     def disagreement(self) -> float:
@@ -238,24 +229,10 @@ class Trial:
         return self.meant and self.lowers and self.distinct
 
     def passes(self, rules: Rules) -> bool:
-        """Whether the effect replicates, and the force error is smaller for it."""
-        least = rules.threshold(self.term)
-        enough = np.min(self.shares) >= least.share and self.lowered > rules.worth**2
-        if not (self.sound and enough):
-            return False
-        any_of = [least, rules.steady, rules.dominant]
-        if np.min(self.closable) >= rules.thorough.share:
-            any_of.append(rules.thorough)
-        if np.max(self.gains) >= rules.dominant.gain:
-            any_of.append(rules.one_sided)
-        if self.apart:
-            any_of.append(rules.rough)
-        return any(map(self.reaches, any_of))
-
-    def reaches(self, least: Threshold) -> bool:
-        """Whether its gain, t value and agreement between the folds reach a threshold."""
-        gain, t = np.min(self.gains), np.min(self.t)
-        return bool(gain >= least.gain and t >= least.t and self.disagreement <= least.agreement)
+        """Whether the effect replicates, and the force error is smaller for it by enough."""
+        share = rules.share if self.term.everywhere else 0.0
+        both = np.min(self.shares) > share and np.min(self.t) >= DISCREPANCY_T
+        return bool(both and self.lowered > rules.worth**2 and self.sound)
 
     def correlation(self, other: Trial) -> float:
         """Return the correlation of what both change on held-out data; 1 for twins."""

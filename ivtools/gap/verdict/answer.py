@@ -17,7 +17,6 @@ from ..preflight import Finding
 from ..quantify import Shrink
 from ..rules import (
     ADEQUATE,
-    CHANGED,
     CHANGED_BY,
     CHANGED_T,
     EXPLAINED,
@@ -178,7 +177,7 @@ def decide(
     faint = all(e < 0.01 * tolerance * force for e, force in errors)  # floor and all
     if (faint and shrink.slight(unseen)) or (left <= allowed and not above):
         return "adequate"
-    return "non-repeatable" if _moved(result) else "unexplained"
+    return "unexplained"
 
 
 def _comes_and_goes(m: Measured, left: float, allowed: float, one_silent: bool) -> bool:
@@ -262,14 +261,3 @@ def remainder(held: Sequence[Fit], shrink: Shrink) -> Finding | None:
     if cost(common(held)) - 1.0 < MOST * (cost(held) - 1.0):
         return ELSEWHERE
     return OUTSIDE if shrink.after > OVER_FLOOR * shrink.floor else None
-
-
-def _moved(result: Attribution) -> bool:
-    """Whether the base parameters moved between the records and that is the whole gap."""
-    if result.fits[0].fold.record is result.fits[1].fold.record:
-        return False
-    one, two = (_own_parameters(fit) for fit in result.fits)
-    tuned = float(np.mean([one.cost, two.cost]))
-    swapped = [two.fold.error(two.loop, one.values), one.fold.error(one.loop, two.values)]
-    still = float(np.mean([np.mean(e**2) for e in swapped]))
-    return tuned < STEADY and still > CHANGED * tuned
