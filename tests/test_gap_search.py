@@ -14,13 +14,14 @@ from ivtools.gap.attribute import attribute, selection
 from ivtools.gap.candidate import deeper, frozen, starts
 from ivtools.gap.diagnose import Task as Asked
 from ivtools.gap.diagnose import begin
-from ivtools.gap.fit import gauss_newton, steps
+from ivtools.gap.fit import _bounded, gauss_newton, steps
 from ivtools.gap.floor import Floor, folds, measure, prepared
 from ivtools.gap.floor.events import events, lasting
 from ivtools.gap.floor.floor import _refit
 from ivtools.gap.library import Box, Scales, alternatives, library, scans
 from ivtools.gap.quantify import _interval
 from ivtools.gap.rules import LASTING, SWINGING, WINDOW, Rules
+from ivtools.limits import LARGEST
 from ivtools.linalg.swing import Swing, Swings
 from ivtools.loop.axis_file import from_tables
 from ivtools.physics import EFFECTS, Parameter, Term
@@ -618,3 +619,11 @@ def test_windows_beside_one_that_stands_out_do_not_go_round_the_ends_of_a_record
     found = events(white, keep, dt, ~keep)
     beside = slice(-2 * width, None) if at_end else slice(0, 2 * width)
     assert found[beside].all() and found.sum() == 2 * width
+
+
+def test_a_step_that_is_absurd_is_shortened_and_no_error():
+    """Two effects that make up for each other have a step without end."""
+    loop = iv.axes.emps().with_effect("stribeck")
+    fold = SimpleNamespace(record=SimpleNamespace(dt=1e-3))
+    for change in (1e72, -1e72):
+        assert abs(_bounded(fold, loop, "stribeck.force", 1.0, change)) <= LARGEST

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..limits import LARGEST
 from ..linalg import as_columns, block_covariance, independent, orthonormal, solve_iv
 from ..loop import ClosedLoop, Simulation
 from ..physics import Parameter, Term
@@ -363,7 +364,8 @@ def _bounded(fold: Fold, loop: ClosedLoop, name: str, value: float, change: floa
     p, new = loop.parameters[name], value + change
     if name == "inertia" or (not p.linear and p.lower >= 0.0 and value > 0.0):
         new = float(np.clip(new, value / REACH, value * REACH))
-    return float(np.clip(new, p.lower, _upper(fold, p)))
+    largest = min(_upper(fold, p), LARGEST)  # a step that is absurd diverges, and is shortened
+    return float(np.clip(new, max(p.lower, -LARGEST), largest))
 
 
 def heavy_enough(fold: Fold, loop: ClosedLoop, values: dict[str, float]) -> dict[str, float]:
