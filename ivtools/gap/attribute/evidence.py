@@ -57,8 +57,8 @@ class Evidence:
     surpassed : bool
         Whether a force without a name predicts held-out data better by itself than beside it.
     apart : bool
-        Whether it is the motion of a second mass that removes much, and no smooth law could have
-        most of that: then few blocks are enough.
+        Whether it is the motion of a second mass, of which no smooth law could have most: then few
+        blocks are enough.
     certain : bool
         Whether it is no guess: what a further sensor in the law has measured is no smooth law, nor
         is friction over position where the force without a name is just that.

@@ -1,6 +1,6 @@
 """Rounds: one more effect is looked for, among all that the screening leaves in question.
 
-What passes its threshold on held-out data qualifies, in both directions; the largest gain gets the
+What passes on held-out data qualifies, in both directions; the largest gain gets the
 name, and what is not distinguishable from it is said to be so.
 """
 

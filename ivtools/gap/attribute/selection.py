@@ -1,9 +1,9 @@
 """Attribute: which of the effects are named, judged on data they were not fitted to.
 
 An effect is fitted on one fold, frozen, and the base parameters are tuned again on the other fold.
-It is named when it removes a material share of the gap there, in both directions, by more than its
-blocks differ, and does there nearly what its own fit would do: an effect that replicates. Rounds
-of a forward selection add one effect each; a backward pass drops what a later one made superfluous.
+It passes when it removes some of the gap there, in both directions, by more than its blocks differ,
+and is named when all that speaks for it together makes it likely. Rounds of a forward selection add
+one effect each; a backward pass drops what a later one made superfluous.
 """
 
 from __future__ import annotations
