@@ -54,7 +54,7 @@ class Round:
     scores : tuple of ndarray, (n_effects, n_blocks)
         Per fold, what each block says against each effect that was screened, and that was fitted.
     qualified : tuple of Trial
-        What reaches its threshold, and nearly the largest gain of those, which gets the name.
+        What passes, and comes near the largest gain of those, which gets the name.
     sensed : str
         The effect that a further sensor in the law speaks for: it gets the name where its gain is
         within this `margin` of the largest.
@@ -190,7 +190,7 @@ def play(
 
 
 def _largest(trials: Sequence[Trial], rules: Rules) -> float:
-    """Return the largest gain that reaches its threshold; what is smaller is not looked at."""
+    """Return the largest gain of what passes; what is smaller is not looked at."""
     by_gain = sorted((t for t in trials if t.gain > 0.0), key=lambda t: -t.gain)
     return next((t.gain for t in by_gain if t.passes(rules)), 0.0)
 
@@ -241,7 +241,7 @@ def _tried(
         return [t for t in tried.values() if t is not None]
 
     def fit(names: list[str], best: float = 0.0) -> float:
-        """Try some effects; return the largest gain that reaches its threshold so far."""
+        """Try some effects; return the largest gain of what passes so far."""
         left = (1.0 - best) * cost(held)
         tasks = [[f[n] for f in found] for n in names]
         made = threaded(lambda scores: attempt(sides, fits, held, scores, left), tasks)
