@@ -500,10 +500,11 @@ MOST_LEFT = 3.0
 #: and 900 to 982 on MuJoCo; EMPS has 0.92).
 ENOUGH = 0.9
 #: Gain of another effect, relative to that of a name, above which the name is not the cause, where
-#: names explain less than `ENOUGH`: what cannot be named resembles the cause more (training: of
-#: effects left out of the library, seeds 6003 to 6042, five such names, all wrong; of 282 true
-#: ones, of single effects, pairs, MuJoCo's and behind backgrounds, none).
-OUTDONE = 1.05
+#: names explain less than `ENOUGH`: what cannot be named resembles the cause more (definition; of
+#: effects left out of the library, seeds 6003 to 6042, five such names, all wrong, and a gain over
+#: position of MuJoCo's called friction; of 282 true ones, of single effects, pairs, MuJoCo's and
+#: behind backgrounds, none).
+OUTDONE = 1.0
 #: Probability that such a name is right (theory: none of five, and one more of each).
 UNLIKELY = 0.14
 #: Nothing can be taken for a second mass if smooth laws cannot have `APART` of it and no other
