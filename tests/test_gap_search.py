@@ -138,12 +138,13 @@ def test_what_replicates_passes_where_it_is_worth_a_name():
         t=np.array([500.0, 20.0]),
         sound=True,
         lowered=0.1,
+        apart=False,
     )
     assert candidate.Trial.passes(trial, Rules())
     for change in (
         {"shares": np.array([0.9, -0.002])},
         {"term": EFFECTS["stribeck"]},  # any axis shows a little of it
-        {"t": np.array([500.0, 2.0])},
+        {"t": np.array([500.0, 6.0])},
         {"sound": False},
         {"lowered": 0.5 * Rules().worth ** 2},
     ):

@@ -12,10 +12,11 @@ from scipy import signal
 import ivtools as iv
 from benchmarks import moves
 from ivtools.errors import DataError, IVToolsError, RecordError
-from ivtools.gap.attribute.kept import names_kept
+from ivtools.gap.attribute.kept import names_kept, outmatched
 from ivtools.gap.discrepancy import Basis, Columns, Discrepancy, Laws, Spline, stands
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
+from ivtools.gap.rules import Rules
 from ivtools.gap.verdict import lowers, no_better
 from ivtools.linalg.swing import Swing
 from ivtools.physics import EFFECTS, Parameter, Term
@@ -431,23 +432,24 @@ def spline(size, over=("q", "past"), shape=SHAPE):
     return Spline(over, 0.0, (NOISE + size * shape,))
 
 
-@pytest.mark.parametrize(
-    ("without", "beside", "over", "kept"),
-    [
-        (1.2, 0.9, ("q", "past"), (1, 1)),
-        (0.3, 0.9, ("q", "past"), (1, 0)),  # better without the name: that takes more evidence
-        (0.3, 0.9, ("q",), (0, 0)),  # and a law of one signal is none that may be like anything
-        (0.3, 0.9, ("state",), (1, 0)),
-    ],
-)
-def test_a_name_stays_beside_a_force_without_one_that_is_no_better_alone(
-    without, beside, over, kept
-):
-    base, held = (left(3.0),), (left(0.9),)
-    alone, both = spline(without, over), spline(beside)
-    laws = SimpleNamespace(fitted=lambda f: alone if f is base else both)
-    trial = SimpleNamespace(term=EFFECTS["spring"], name="spring")
-    assert names_kept([base, held], laws, [(trial,)])[:2] == kept
+def test_a_name_falls_where_a_force_without_one_explains_more():
+    base, rules, gone = (left(3.0),), Rules(), (spline(0.0), spline(0.0))
+    assert outmatched(base, (left(1.7),), *gone, rules)
+    assert not outmatched(base, (left(0.5),), *gone, rules)  # equivalent
+    assert outmatched(base, (left(0.5),), spline(0.0, ("q",)), spline(0.0), rules)  # one law is
+    assert not outmatched(base, (left(1.7),), spline(0.8), spline(0.0), rules)  # both are there
+    few = np.where(np.arange(2000) < 300, SHAPE, 0.0)  # in six blocks only
+    assert not outmatched((left(3.0, few),), (left(2.0, few),), *gone, rules)
+    assert outmatched((left(9.0, few),), (left(6.0, few),), *gone, rules)  # most of it
+
+
+def test_a_name_that_spares_a_force_without_one_a_signal_may_fall_a_little_short():
+    base, held, three = (left(3.0),), (left(1.7),), ("q", "past", "dq")
+    plain = spline(0.0, three)
+    assert outmatched(base, held, plain, spline(0.0, three), Rules())
+    assert not outmatched(base, held, plain, spline(0.5), Rules())
+    assert outmatched(base, held, plain, spline(1.2), Rules())  # more than a little
+    assert outmatched(base, held, spline(0.0), spline(0.5, ("q",)), Rules())  # two are few
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -490,10 +492,10 @@ def test_an_effect_of_time_or_use_falls_where_friction_that_remembers_use_does_b
     laws = SimpleNamespace(fitted=lambda f: law if f is base else both, of_use=lambda f: law)
     monkeypatch.setattr(Laws, "of", lambda fits: laws)
     term = EFFECTS[effect]
-    trial = SimpleNamespace(term=term, name=effect)
-    assert names_kept([base, held], laws, [(trial,)])[:2] == (names, names)
+    trial = SimpleNamespace(term=term, name=effect, unlike=0.9)  # no law of the state could have it
+    assert names_kept([base, held], laws, [(trial,)], Rules())[:2] == (names, names)
     timed = trial.term.of_time  # with nothing left there is no law to see it by
-    found = names_kept([base, held], None, [(trial,)])[:2]
+    found = names_kept([base, held], None, [(trial,)], Rules())[:2]
     assert found == ((0, 0) if timed else (1, 1))
 
 
@@ -516,10 +518,10 @@ def test_friction_over_position_is_not_outdone_by_its_own_curve(
     laws = SimpleNamespace(fitted=lambda f: law if f is base else both)
     monkeypatch.setattr(Laws, "of", lambda fits: laws)
     term = EFFECTS[effect]
-    trial = SimpleNamespace(term=term, name=effect)
-    told = names_kept([base, held], laws, [(trial,)])
+    trial = SimpleNamespace(term=term, name=effect, unlike=0.0, stands=lambda laws: False)
+    told = names_kept([base, held], laws, [(trial,)], Rules())
     assert (told.told, told.certain) == ((1, {effect}) if kept else (0, set()))
-    told = names_kept([base, held], laws, [(trial,)], effect)  # by a further sensor
+    told = names_kept([base, held], laws, [(trial,)], Rules(), effect)  # by a further sensor
     assert told == (1, 1, {effect})
 
 
@@ -536,8 +538,8 @@ def test_an_effect_of_time_that_beats_use_is_held_against_the_other_laws(use, mo
     )
     monkeypatch.setattr(Laws, "of", lambda fits: laws)
     term = EFFECTS["friction-drift"]
-    trial = SimpleNamespace(term=term, name=term.name)
-    told = names_kept([base, held], laws, [(trial,)])
+    trial = SimpleNamespace(term=term, name=term.name, unlike=0.0, stands=lambda laws: False)
+    told = names_kept([base, held], laws, [(trial,)], Rules())
     assert told[:2] == ((1, 1) if use > 0.9 else (0, 0))
 
 
@@ -553,8 +555,11 @@ def test_what_changes_with_use_may_be_a_drift_that_gets_the_second_name(use, nam
         without_use=rest,
     )
     monkeypatch.setattr(Laws, "of", lambda fits: laws)
-    pair = [SimpleNamespace(term=EFFECTS[n], name=n) for n in ("spring", "friction-drift")]
-    assert names_kept(models, laws, [(t,) for t in pair])[:2] == (names, names)
+    pair = [
+        SimpleNamespace(term=EFFECTS[n], name=n, unlike=0.0, stands=lambda laws: False)
+        for n in ("spring", "friction-drift")
+    ]
+    assert names_kept(models, laws, [(t,) for t in pair], Rules())[:2] == (names, names)
 
 
 def test_forces_that_remember_have_one_unit_on_every_fold():

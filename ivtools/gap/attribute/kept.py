@@ -12,9 +12,17 @@ from typing import NamedTuple
 
 from ...workers import threaded
 from ..candidate import Trial
-from ..discrepancy import Laws, Spline, advantage, nothing
+from ..discrepancy import Laws, Spline, advantage, least_t, nothing
 from ..fit import Fit
-from ..rules import STANDARD_ERRORS, TIE
+from ..rules import (
+    DISCREPANCY_T,
+    SEVERAL,
+    SPARED,
+    STANDARD_ERRORS,
+    TIE,
+    UNLIKE_SMOOTH,
+    Rules,
+)
 from .evidence import cost
 
 
@@ -41,14 +49,15 @@ def names_kept(
     models: Sequence[tuple[Fit, ...]],
     laws: Laws | None,
     groups: Sequence[Sequence[Trial]],
+    rules: Rules,
     sensed: str = "",
 ) -> Kept:
     """Return how many names are kept, and how many of them tell more than a force without a name.
 
     That force is fitted to what each number of names leaves. The largest number is taken that
-    predicts held-out data as well as the best one, within a standard error. Names beyond it need
-    better evidence than the others, and fall if the force is a law of one signal. A first name that
-    is no guess is never beyond it.
+    predicts held-out data as well as the best one, within a standard error, unless the force does
+    better by itself. Names beyond it need better evidence than the others, and fall if the force is
+    a law of one signal. A first name that is no guess is never beyond it.
 
     Parameters
     ----------
@@ -57,7 +66,9 @@ def names_kept(
     laws : Laws, optional
         Where nothing is left, there is no such force.
     groups : sequence of sequence of Trial
-        What gets each name, or two at once.
+        What gets each name, or two at once. One that has what no smooth law could have, or stands
+        beside one, is not outdone by such a law.
+    rules : Rules
     sensed : str
         The effect that a further sensor in the law speaks for.
 
@@ -71,14 +82,23 @@ def names_kept(
     certain = _certain(groups, left, sensed)
     least = min(int(any(t.name in certain for group in groups[:1] for t in group)), most)
 
+    def own(group: Sequence[Trial]) -> bool:
+        """Whether one of these effects has what a force without a name has not."""
+        return any(t.unlike > UNLIKE_SMOOTH or t.stands(laws) for t in group)
+
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""
         same = more.cost - fewer.cost <= TIE * (cost(models[0]) - fewer.cost)
-        return not same and advantage(models[0], fewer, more) < -STANDARD_ERRORS
+        return not same and _worth(models[0], fewer, more) < -STANDARD_ERRORS
 
     def tell(k: int) -> bool:
         """Whether so many names tell more than a force without a name."""
-        return not any(better(other, left[k]) for other in left[least:k])
+        if not left:
+            return True
+        if any(better(other, left[k]) for other in left[least:k]):
+            return False
+        alone = not least and outmatched(models[0], models[k], left[0], left[k], rules)
+        return not alone or any(map(own, groups[:k]))
 
     told = next((k for k in range(most, least, -1) if tell(k)), least)
     if left and left[told].single:  # it is no law that may be like anything
@@ -144,3 +164,47 @@ def _not_use(before: tuple[Fit, ...], after: tuple[Fit, ...], laws: Laws | None)
     if laws is None:
         return True
     return advantage(before, laws.of_use(before), nothing(after)) >= STANDARD_ERRORS
+
+
+def _short(base: tuple[Fit, ...], held: tuple[Fit, ...], law: Spline, rules: Rules) -> bool:
+    """Whether names remove less than a force without a name, by more than equals differ.
+
+    One law alone leaves names less room than several, which may describe anything.
+    """
+    margin = rules.equivalence_law if len(law.over) == 1 else rules.equivalence_open
+    return cost(held) - law.cost > margin * (cost(base) - law.cost)
+
+
+def _worth(base: tuple[Fit, ...], plain: Spline, both: Spline) -> float:
+    """Return the block t value by which a force without a name is better with names before it.
+
+    Infinite where they spare it some of the signals that it needs without them, and it is hardly
+    worse: what needs several may be like anything, so it may be a little better and yet not what is
+    there.
+    """
+    most = SPARED * (cost(base) - plain.cost)
+    if len(both.over) < len(plain.over) >= SEVERAL and both.cost - plain.cost <= most:
+        return float("inf")
+    return advantage(base, plain, both)
+
+
+def outmatched(
+    base: tuple[Fit, ...], held: tuple[Fit, ...], plain: Spline, both: Spline, rules: Rules
+) -> bool:
+    """Whether a force without a name explains what names do, and significantly more.
+
+    Unless the names have something that it has not: then both are there.
+
+    Parameters
+    ----------
+    base, held : tuple of Fit
+        The model without effects, and with those that are named.
+    plain, both : Spline
+        Of what either leaves.
+    """
+    saved = cost(held) - plain.cost
+    return (
+        _short(base, held, plain, rules)
+        and advantage(base, nothing(held), plain) > least_t(saved / cost(held))
+        and _worth(base, plain, both) < DISCREPANCY_T
+    )

@@ -73,7 +73,7 @@ def attribute(
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
     laws = Laws.of(models[0]) if left else None
     sensed = rounds[0].sensed if rounds else ""
-    most, told, certain = names_kept(models, laws, groups, sensed)
+    most, told, certain = names_kept(models, laws, groups, rules, sensed)
     fits, held = (ends[most - 1].fits, ends[most - 1].held) if most else (base, base)
     won = [t for group in groups[:most] for t in group]
     names = [t.name for t in won]
@@ -245,7 +245,7 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
     models = [common(fits) for fits in (base, frozen(sides, found.fits))]
     laws = Laws.of(models[0])
     winners = [tuple(t for _, t in found.winners.values())]
-    if laws is None or names_kept(models, laws, winners).told:
+    if laws is None or names_kept(models, laws, winners, found.rules).told:
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 

@@ -231,7 +231,8 @@ class Trial:
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates, and the force error is smaller for it by enough."""
         share = rules.share if self.term.everywhere else 0.0
-        both = np.min(self.shares) > share and np.min(self.t) >= DISCREPANCY_T
+        least = DISCREPANCY_T if self.apart else rules.t
+        both = np.min(self.shares) > share and np.min(self.t) >= least
         return bool(both and self.lowered > rules.worth**2 and self.sound)
 
     def correlation(self, other: Trial) -> float:

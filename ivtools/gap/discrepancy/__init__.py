@@ -6,7 +6,7 @@ discrepancy    that one described, instead of named
 """
 
 from .discrepancy import Discrepancy, describe
-from .laws import Laws, Spline, advantage, beside_law, nothing, stands
+from .laws import Laws, Spline, advantage, beside_law, least_t, nothing, stands
 from .smooth import Basis, Columns, a_line, beside, other_waves, smooth_rest, unlike_smooth
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "beside",
     "beside_law",
     "describe",
+    "least_t",
     "nothing",
     "other_waves",
     "smooth_rest",

@@ -212,7 +212,7 @@ def nothing(fits: Sequence[Fit]) -> Spline:
     return Spline((), 0.0, tuple(beside(f, f.e[:, None])[:, 0] for f in fits))
 
 
-def _least_t(share: float) -> float:
+def least_t(share: float) -> float:
     """Return the block t value from which such a share of the energy is saved significantly."""
     most, fewer = DISCREPANCY_MOST
     return fewer if share >= most else DISCREPANCY_T
@@ -401,7 +401,7 @@ class _Search:
             fold.block_sums((e + a) ** 2 - (e + b) ** 2)
             for fold, e, a, b in zip(self.folds, self.rests, now.answers, then.answers, strict=True)
         ])  # fmt: skip
-        return block_t(saved) >= _least_t(then.gain - now.gain)
+        return block_t(saved) >= least_t(then.gain - now.gain)
 
     def ahead(self, now: _Step) -> Iterator[_Step]:
         """Yield the splines over one more signal that gain something, the best one first."""
