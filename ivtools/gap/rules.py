@@ -730,9 +730,8 @@ class Rules:
     (`SUPERFLUOUS`, `SLIGHT`).
 
     How large the gain, how sure and how alike on both folds it must be is weighed together
-    (`WEIGHTS`). Eight sets of thresholds for that, each for some effects, decided nothing beside
-    it: without them 239 of 240 recorded cases of all suites had the same answer (seeds 8210 on),
-    and one got the name of a twin.
+    (`WEIGHTS`); further thresholds, each for some effects, decided nothing beside that (ablation on
+    309 cases, benchmarks/withheld).
 
     Parameters
     ----------
