@@ -14,7 +14,7 @@ from ..discrepancy import Laws, a_line, other_waves, smooth_rest, stands, unlike
 from ..fit import Fit, common
 from ..fold import Fold, block_t
 from ..library import Scales
-from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, OTHER_WAVE_T, UNLIKE_SMOOTH, Rules
+from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, LEADING, OTHER_WAVE_T, UNLIKE_SMOOTH, Rules
 
 Array = NDArray[np.float64]
 
@@ -231,7 +231,8 @@ class Trial:
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates, and the force error is smaller for it by enough."""
         share = rules.share if self.term.everywhere else 0.0
-        least = DISCREPANCY_T if self.apart else rules.t
+        clear = self.apart or np.min(self.shares) > LEADING
+        least = DISCREPANCY_T if clear else rules.t
         both = np.min(self.shares) > share and np.min(self.t) >= least
         return bool(both and self.lowered > rules.worth**2 and self.sound)
 
