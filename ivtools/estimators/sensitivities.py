@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivtools.errors import EstimationError
+from ivtools.physics.sizes import sizes
 
 if TYPE_CHECKING:
     from ivtools.loop import Simulation
@@ -162,30 +163,16 @@ class SimulatedSignal:
 def scales(problem: Problem) -> dict[str, float]:
     """Return what a parameter's search values are multiples of, SI, by `Parameter.scale`.
 
-    Those of the measured motion, of one fit; those of the reference, with the dry friction that
-    the axis states, are `gap.library.Scales`.
+    Those of the measured motion.
     """
-    record, force = problem.record, float(np.sqrt(np.mean(problem.force**2)))
-    stroke = float(np.ptp(record.q))
-    return {
-        "force": force,
-        "per force": 1.0 / force if force > 0.0 else 1.0,
-        "peak": float(np.max(np.abs(problem.force))),
-        "speed": float(np.max(np.abs(problem.motion.dq))),
-        "stroke": stroke,
-        "time": float(np.ptp(record.t)),
-        "step": record.dt,
-        "command": float(np.max(np.abs(problem.loop.command(record)))),
-        "stiffness": 400.0 * force / stroke,  # dry friction within some 1e-3 of the stroke
-        "damping": 0.2 * force / float(np.max(np.abs(problem.motion.dq))),
-        "one": 1.0,
-    }
+    record, command = problem.record, problem.loop.command(problem.record)
+    return sizes(record, record.q, problem.motion.dq, problem.force, command)
 
 
-def natural(parameter: Parameter, sizes: Mapping[str, float]) -> float:
+def natural(parameter: Parameter, units: Mapping[str, float]) -> float:
     """Return the size of a parameter: its scale, or the least of its search values but 0."""
     values = [x for x in parameter.scan if x > 0.0]
-    return sizes[parameter.scale] * min(values, default=1.0)
+    return units[parameter.scale] * min(values, default=1.0)
 
 
 def scans(problem: Problem, names: Sequence[str], limit: int = 60) -> Iterator[dict[str, float]]:
@@ -201,10 +188,10 @@ def scans(problem: Problem, names: Sequence[str], limit: int = 60) -> Iterator[d
     limit : int
         At most so many combinations, evenly drawn from all.
     """
-    loop, sizes = problem.loop, scales(problem)
+    loop, units = problem.loop, scales(problem)
     shapes = {n: p for n, p in loop.parameters.items() if n in names and not p.linear}
     grids = [
-        [loop.start[n]] if n in loop.start else [x * sizes[p.scale] for x in p.scan]
+        [loop.start[n]] if n in loop.start else [x * units[p.scale] for x in p.scan]
         for n, p in shapes.items()
     ]
     points = list(product(*grids))

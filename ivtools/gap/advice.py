@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..loop import ClosedLoop
 from ..record import Record
 from ..units import percent
+from ..workers import threaded
 from . import response as responses
 from .attribute import Attribution
 from .fit import Fit, jacobian, steps
@@ -101,11 +102,10 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
     name, other : str
         The effects.
     """
-    now = _distance(first, second, name, other, first.fold.record)
-    better = {
-        text: _distance(first, second, name, other, change(first.fold.record))
-        for text, change in EXCITATIONS.items()
-    }
+    own = first.fold.record
+    motions = [own, *(change(own) for change in EXCITATIONS.values())]
+    now, *found = threaded(lambda r: _distance(first, second, name, other, r), motions)
+    better = dict(zip(EXCITATIONS, found, strict=True))
     text = max(better, key=lambda t: better[t])
     if better[text] < max(BETTER_MOTION * now, TELLS_LEAST):
         return (

@@ -13,18 +13,18 @@ from scipy.stats import qmc
 
 from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
+from ..physics.sizes import sizes
 from ..record import Record
-from .rules import BEHIND, DRY, LINKED, MOST_SCANS, SAME_SIGNAL, TAKES_HOLD
+from .rules import BEHIND, LINKED, MOST_SCANS, SAME_SIGNAL
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Scales:
-    """Natural sizes of an axis, from its record: what a search measures parameters in.
+    """Natural sizes of an axis: what a search measures parameters in.
 
-    Those of its reference, with the dry friction that the axis states; those of the measured
-    motion, of one fit, are `estimators.sensitivities.scales`.
+    Those of its reference, with the dry friction that the axis states.
     """
 
     record: Record
@@ -53,21 +53,8 @@ class Scales:
     def sizes(self) -> dict[str, float]:
         """Size of each kind of scale, SI."""
         q, dq, _, tau = self.trajectory
-        force, stroke = float(np.sqrt(np.mean(tau**2))), float(np.ptp(q))
-        friction = abs(self.loop.start.get("coulomb", 0.0)) or DRY * force
-        return {
-            "force": force,
-            "peak": float(np.max(np.abs(tau))),
-            "speed": float(np.max(np.abs(dq))),
-            "stroke": stroke,
-            "time": float(np.ptp(self.record.t)),
-            "step": self.record.dt,
-            "command": float(np.max(np.abs(self.loop.command(self.record)))),
-            "stiffness": friction / (TAKES_HOLD * stroke),
-            "damping": friction / max(float(np.max(np.abs(dq))), 1e-300),
-            "per force": 1.0 / force,
-            "one": 1.0,
-        }
+        command = self.loop.command(self.record)
+        return sizes(self.record, q, dq, tau, command, self.loop.start.get("coulomb", 0.0))
 
     def column(self, term: Term, index: int, shape: dict[str, float]) -> Array:
         """Return the force per unit of one linear parameter along the reference, (n_samples,)."""

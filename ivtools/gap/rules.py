@@ -340,9 +340,6 @@ LINKED: dict[str, dict[str, tuple[float, ...]]] = {
         "load_friction": (0.0, 0.01, 0.1, 0.9),
     },
 }
-#: Dry friction, of the force of the drive, where the axis file states none, and the share of the
-#: stroke after which it acts in full: where a search for presliding begins (physics).
-DRY, TAKES_HOLD = 0.2, 5e-4
 
 # --- screen and fit: where a search looks -----------------------------------------------------
 

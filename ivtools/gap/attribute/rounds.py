@@ -6,7 +6,7 @@ name, and what is not distinguishable from it is said to be so.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -226,52 +226,96 @@ def _tried(
     they `removed` in an earlier round says that they would not be most of what is left. What
     closes nearly all of the gap is named first: the search for the rest then sees the rest.
     """
-    gains = _gains(found)
-    valleys = {n for n in gains if found[0][n].term.search == "valleys"}
-    # four sizes flatter a drift in the screening: it takes no other effect's place
-    lasting = [n for n in gains if not found[0][n].term.of_time]
-    first = {*list(gains)[: rules.refit], *lasting[: rules.refit]}
-    chosen = [n for n in gains if n in first and gains[n] > WORTH_A_FIT]
-    chosen += [n for n in gains if n == sensed and n not in chosen]
-    tried: dict[str, Trial | None] = {}
-    explains = replace(rules, worth=0.0)  # what is too little for a name explains the rest too
-
-    def fitted() -> list[Trial]:
-        """Return what was fitted so far."""
-        return [t for t in tried.values() if t is not None]
-
-    def fit(names: list[str], best: float = 0.0) -> float:
-        """Try some effects; return the largest gain of what passes so far."""
-        left = (1.0 - best) * cost(held)
-        tasks = [[f[n] for f in found] for n in names]
-        made = threaded(lambda scores: attempt(sides, fits, held, scores, left), tasks)
-        tried.update(zip(names, made, strict=True))
-        return _largest(fitted(), explains)
-
-    best = fit(chosen[:AT_FIRST])
-    near = RIVAL * min([best, *(gains[t.name] for t in fitted() if t.gain >= best > 0.0)])
-    best = fit([n for n in chosen[AT_FIRST:] if gains[n] > near or n == sensed], best)
-    leader = max(fitted(), key=lambda t: t.gain, default=None)
-    if leader is not None and leader.term.of_speed and (1.0 - best) * cost(held) > CLEAN:
-        # whatever else is there bends the form of such a law: all of them are rivals
-        best = fit([n for n in gains if n not in tried and found[0][n].term.of_speed], best)
-    gap = max(cost(held) - 1.0, 1e-9)
-
-    def hopeful(names: Iterable[str]) -> list[str]:
-        """Return those that are not tried yet, and might be most of what is left."""
-        most = rules.search_left * ((1.0 - best) * cost(held) - 1.0)
-        hopeless = {n for n, size in removed.items() if size < most}
-        return sorted({*names} - {*tried} - hopeless)
-
-    if cost(held) > ADEQUATE and best * cost(held) < MOST * gap:
+    tries = _Tries(sides, fits, held, found, rules)
+    tries.screened(sensed)
+    tries.of_speed()
+    if cost(held) > ADEQUATE and not tries.closed(MOST):
         # first order does not see what takes the place of dry friction, where that is bent
-        terms = {n: found[0][n].term for n in gains}
-        bent = [n for n, t in terms.items() if t.law is None and t.search == "scan"]
-        best = fit(hopeful(bent), best)
-    rough, left = max(s.rough for s in sides) > ROUGH, (1.0 - best) * cost(held)
-    if rough and left > ADEQUATE and best * cost(held) < ALL_CLOSED * gap:
-        fit(hopeful(valleys), best)
-    return tried
+        bent = (n for n, t in tries.terms.items() if t.law is None and t.search == "scan")
+        tries.fit(tries.hopeful(bent, removed))
+    rough = max(s.rough for s in sides) > ROUGH
+    if rough and tries.left > ADEQUATE and not tries.closed(ALL_CLOSED):
+        valleys = (n for n, t in tries.terms.items() if t.search == "valleys")
+        tries.fit(tries.hopeful(valleys, removed))
+    return tries.made
+
+
+class _Tries:
+    """What is fitted in a round, some effects after the others.
+
+    Parameters as for `_tried`.
+
+    Attributes
+    ----------
+    gains : dict
+        Of the screening, largest first.
+    terms : dict
+        The effects, by name.
+    made : dict
+        What was fitted so far.
+    best : float
+        The largest gain of what passes so far; what is too little for a name counts as well.
+    """
+
+    def __init__(
+        self,
+        sides: tuple[Side, ...],
+        fits: tuple[Fit, ...],
+        held: tuple[Fit, ...],
+        found: tuple[dict[str, Score], ...],
+        rules: Rules,
+    ) -> None:
+        self.sides, self.fits, self.held, self.found, self.rules = sides, fits, held, found, rules
+        self.gains = _gains(found)
+        self.terms = {n: found[0][n].term for n in self.gains}
+        self.made: dict[str, Trial | None] = {}
+        self.best = 0.0
+
+    @property
+    def fitted(self) -> list[Trial]:
+        """What had a place to begin."""
+        return [t for t in self.made.values() if t is not None]
+
+    @property
+    def left(self) -> float:
+        """Whitened energy that the best of them leaves."""
+        return (1.0 - self.best) * cost(self.held)
+
+    def closed(self, share: float) -> bool:
+        """Whether the best of them closes so much of the gap."""
+        return self.best * cost(self.held) >= share * max(cost(self.held) - 1.0, 1e-9)
+
+    def fit(self, names: Sequence[str]) -> None:
+        """Fit some effects."""
+        tasks, left = [[f[n] for f in self.found] for n in names], self.left
+        made = threaded(lambda s: attempt(self.sides, self.fits, self.held, s, left), tasks)
+        self.made.update(zip(names, made, strict=True))
+        self.best = _largest(self.fitted, replace(self.rules, worth=0.0))
+
+    def screened(self, sensed: str) -> None:
+        """Fit the best of the screening, and what a further sensor in the law speaks for."""
+        gains, refit = self.gains, self.rules.refit
+        # four sizes flatter a drift in the screening: it takes no other effect's place
+        lasting = [n for n in gains if not self.terms[n].of_time]
+        first = {*list(gains)[:refit], *lasting[:refit]}
+        chosen = [n for n in gains if n in first and gains[n] > WORTH_A_FIT]
+        chosen += [n for n in gains if n == sensed and n not in chosen]
+        self.fit(chosen[:AT_FIRST])
+        best = self.best
+        near = RIVAL * min([best, *(gains[t.name] for t in self.fitted if t.gain >= best > 0.0)])
+        self.fit([n for n in chosen[AT_FIRST:] if gains[n] > near or n == sensed])
+
+    def of_speed(self) -> None:
+        """Fit all laws of the speed, where one leads: what else is there bends its form."""
+        leader = max(self.fitted, key=lambda t: t.gain, default=None)
+        if leader is not None and leader.term.of_speed and self.left > CLEAN:
+            self.fit([n for n, t in self.terms.items() if t.of_speed and n not in self.made])
+
+    def hopeful(self, names: Iterable[str], removed: Mapping[str, float]) -> list[str]:
+        """Return those that are not fitted yet, and might be most of what is left."""
+        most = self.rules.search_left * (self.left - 1.0)
+        hopeless = {n for n, size in removed.items() if size < most}
+        return sorted({*names} - {*self.made} - hopeless)
 
 
 def pvalues(first: Round, draws: int = DRAWS) -> dict[str, float]:

@@ -218,7 +218,7 @@ class Trial:
         both = zip(self.held, errors, strict=True)
         return np.concatenate([h.fold.block_sums(e**2 - h.e**2) for h, e in both])
 
-    @property
+    @cached_property
     def meant(self) -> bool:
         """Whether its parameters mean what its name says: none is nothing or at a bound."""
         return self.acts and self.inside and self.same_backlash
@@ -232,10 +232,11 @@ class Trial:
         """Whether the effect replicates, and the force error is smaller for it by enough."""
         share = rules.share if self.term.everywhere else 0.0
         # few blocks show a load that rattles, or an effect that another one hides
-        few = self.apart or np.min(self.shares) > LEADING
+        few = np.min(self.shares) > LEADING or self.apart
         replicates = np.min(self.t) >= (DISCREPANCY_T if few else rules.t)
-        material = np.min(self.shares) > share and self.lowered > rules.worth**2
-        return bool(replicates and material and self.sound)
+        if not (replicates and np.min(self.shares) > share):
+            return False
+        return self.lowered > rules.worth**2 and self.sound
 
     def correlation(self, other: Trial) -> float:
         """Return the correlation of what both change on held-out data; 1 for twins."""

@@ -93,7 +93,7 @@ class Laws:
         own = threaded(lambda r, w: {**basis.parts(r), "warm": basis.heat(r, w)}, runs, before)
         parts = _alike(own)
         place = _places(parts[0])
-        forces = tuple(np.hstack(list(p.values())) for p in parts)
+        forces = tuple(threaded(lambda p: np.hstack(list(p.values())), parts))
         answers = tuple(threaded(lambda f, F: f.fold.answers(F), fits, forces))
         squares = tuple(threaded(lambda A: A.T @ A, answers))
         swings = tuple(threaded(_swings, fits, runs))

@@ -385,5 +385,7 @@ def _columns(record: Record) -> Array:
 
 def _holds(x: Array, part: Array) -> bool:
     width = len(part)
-    at = np.flatnonzero((x[: len(x) - width + 1] == part[0]).all(axis=1))
+    at = np.arange(len(x) - width + 1)
+    for column, first in enumerate(part[0]):
+        at = at[x[at, column] == first]
     return any(np.array_equal(x[i : i + width], part) for i in at)
