@@ -168,7 +168,7 @@ def play(
     found = _screened(sides, fits, terms)
     removed = {n: size for r in rounds for n, size in r.removed.items()}
     sensed = next(iter(BEHIND)) if all(s.scales.second_body for s in sides) else ""
-    tried = _tried(sides, fits, held, found, rules, removed, sensed)
+    tried = _Tries(sides, fits, held, found, rules, removed, sensed).all()
     trials = tuple(t for t in tried.values() if t is not None)
     vain = {n: (1.0 - VALLEY_DEPTH) * cost(held) for n, t in tried.items() if t is None}
     similar = set().union(*(r.similar(rules.similar) for r in rounds))
@@ -209,67 +209,47 @@ def _gains(found: tuple[dict[str, Score], ...]) -> dict[str, float]:
     return dict(sorted(mean.items(), key=lambda item: -item[1]))
 
 
-def _tried(
-    sides: tuple[Side, ...],
-    fits: tuple[Fit, ...],
-    held: tuple[Fit, ...],
-    found: tuple[dict[str, Score], ...],
-    rules: Rules,
-    removed: dict[str, float],
-    sensed: str = "",
-) -> dict[str, Trial | None]:
-    """Fit the best of the screening; None of what has no place to begin.
-
-    The screening, of first order, does not see a narrow valley. Effects with many are searched as
-    well where everything else leaves a gap, and smooth laws of the state leave many
-    stretches of the record unexplained, as masses that move on their own do; not again where what
-    they `removed` in an earlier round says that they would not be most of what is left. What
-    closes nearly all of the gap is named first: the search for the rest then sees the rest.
-    """
-    tries = _Tries(sides, fits, held, found, rules)
-    tries.screened(sensed)
-    tries.of_speed()
-    if cost(held) > ADEQUATE and not tries.closed(MOST):
-        # first order does not see what takes the place of dry friction, where that is bent
-        bent = (n for n, t in tries.terms.items() if t.law is None and t.search == "scan")
-        tries.fit(tries.hopeful(bent, removed))
-    rough = max(s.rough for s in sides) > ROUGH
-    if rough and tries.left > ADEQUATE and not tries.closed(ALL_CLOSED):
-        valleys = (n for n, t in tries.terms.items() if t.search == "valleys")
-        tries.fit(tries.hopeful(valleys, removed))
-    return tries.made
-
-
+@dataclass(eq=False)
 class _Tries:
     """What is fitted in a round, some effects after the others.
 
-    Parameters as for `_tried`.
-
-    Attributes
+    Parameters
     ----------
-    gains : dict
-        Of the screening, largest first.
-    terms : dict
-        The effects, by name.
+    sides : tuple of Side
+    fits, held : tuple of Fit
+        The model of the round before, fitted to each fold, and as the other one has it.
+    found : tuple of dict
+        The screening of each fold.
+    rules : Rules
+    removed : mapping
+        What effects removed in earlier rounds.
+    sensed : str
+        The effect that a further sensor in the law speaks for.
     made : dict
-        What was fitted so far.
+        What was fitted so far; None of what has no place to begin.
     best : float
         The largest gain of what passes so far; what is too little for a name counts as well.
     """
 
-    def __init__(
-        self,
-        sides: tuple[Side, ...],
-        fits: tuple[Fit, ...],
-        held: tuple[Fit, ...],
-        found: tuple[dict[str, Score], ...],
-        rules: Rules,
-    ) -> None:
-        self.sides, self.fits, self.held, self.found, self.rules = sides, fits, held, found, rules
-        self.gains = _gains(found)
-        self.terms = {n: found[0][n].term for n in self.gains}
-        self.made: dict[str, Trial | None] = {}
-        self.best = 0.0
+    sides: tuple[Side, ...]
+    fits: tuple[Fit, ...]
+    held: tuple[Fit, ...]
+    found: tuple[dict[str, Score], ...]
+    rules: Rules
+    removed: Mapping[str, float]
+    sensed: str
+    made: dict[str, Trial | None] = field(default_factory=dict, init=False)
+    best: float = field(default=0.0, init=False)
+
+    @cached_property
+    def gains(self) -> dict[str, float]:
+        """Gain of each effect in the screening, largest first."""
+        return _gains(self.found)
+
+    @cached_property
+    def terms(self) -> dict[str, Term]:
+        """The effects, in that order."""
+        return {n: self.found[0][n].term for n in self.gains}
 
     @property
     def fitted(self) -> list[Trial]:
@@ -292,18 +272,39 @@ class _Tries:
         self.made.update(zip(names, made, strict=True))
         self.best = _largest(self.fitted, replace(self.rules, worth=0.0))
 
-    def screened(self, sensed: str) -> None:
-        """Fit the best of the screening, and what a further sensor in the law speaks for."""
+    def all(self) -> dict[str, Trial | None]:
+        """Fit the best of the screening, and what that does not see.
+
+        It is of first order, and sees no narrow valley. Effects with many are searched as well
+        where everything else leaves a gap, and smooth laws of the state leave many stretches of the
+        record unexplained, as masses that move on their own do; not again where what they `removed`
+        says that they would not be most of what is left. What closes nearly all of the gap is named
+        first: the search for the rest then sees the rest.
+        """
+        self.screened()
+        self.of_speed()
+        if cost(self.held) > ADEQUATE and not self.closed(MOST):
+            # first order does not see what takes the place of dry friction, where that is bent
+            bent = (n for n, t in self.terms.items() if t.law is None and t.search == "scan")
+            self.fit(self.hopeful(bent))
+        rough = max(s.rough for s in self.sides) > ROUGH
+        if rough and self.left > ADEQUATE and not self.closed(ALL_CLOSED):
+            valleys = (n for n, t in self.terms.items() if t.search == "valleys")
+            self.fit(self.hopeful(valleys))
+        return self.made
+
+    def screened(self) -> None:
+        """Fit the best of the screening, and what is `sensed`."""
         gains, refit = self.gains, self.rules.refit
         # four sizes flatter a drift in the screening: it takes no other effect's place
         lasting = [n for n in gains if not self.terms[n].of_time]
         first = {*list(gains)[:refit], *lasting[:refit]}
         chosen = [n for n in gains if n in first and gains[n] > WORTH_A_FIT]
-        chosen += [n for n in gains if n == sensed and n not in chosen]
+        chosen += [n for n in gains if n == self.sensed and n not in chosen]
         self.fit(chosen[:AT_FIRST])
         best = self.best
         near = RIVAL * min([best, *(gains[t.name] for t in self.fitted if t.gain >= best > 0.0)])
-        self.fit([n for n in chosen[AT_FIRST:] if gains[n] > near or n == sensed])
+        self.fit([n for n in chosen[AT_FIRST:] if gains[n] > near or n == self.sensed])
 
     def of_speed(self) -> None:
         """Fit all laws of the speed, where one leads: what else is there bends its form."""
@@ -311,10 +312,10 @@ class _Tries:
         if leader is not None and leader.term.of_speed and self.left > CLEAN:
             self.fit([n for n, t in self.terms.items() if t.of_speed and n not in self.made])
 
-    def hopeful(self, names: Iterable[str], removed: Mapping[str, float]) -> list[str]:
+    def hopeful(self, names: Iterable[str]) -> list[str]:
         """Return those that are not fitted yet, and might be most of what is left."""
         most = self.rules.search_left * (self.left - 1.0)
-        hopeless = {n for n, size in removed.items() if size < most}
+        hopeless = {n for n, size in self.removed.items() if size < most}
         return sorted({*names} - {*self.made} - hopeless)
 
 
