@@ -273,9 +273,11 @@ DEPENDENT = 1e-12
 #: A smooth law is fitted to typical samples if they show this share of its energy at least
 #: (training: a joint beside one that rattles, 1e-5 to 0.01 do the same; the least changes fewest).
 SHOWN = 1e-5
-#: Width of the lag window that keeps the noise model stable, per sample, and its largest root
-#: (numerics: the spectrum is smoothed over a hundredth of the rate).
-LAG_WINDOW, LARGEST_ROOT = 0.02, 0.999
+#: White noise, of the energy of all noise, that is always there: where the loop lets hardly any
+#: noise of high frequency through, dry friction that is never quite dry stands out of it
+#: (judgement: with 1e-6 standstill is an event on a healthy axis of MuJoCo's with noise of the
+#: force only; with 1e-3 what is whitened is not white there).
+FAINTEST = 1e-4
 #: Share of the degrees of freedom that fitted columns leave, at least (numerics).
 FREE = 0.5
 #: Bins of frequency, and least share of the noise in one that fitted columns leave (numerics).
@@ -454,8 +456,7 @@ WORTH_A_FIT = 0.005
 #: Share of a record unexplained by smooth laws that points to a second mass (training).
 ROUGH = 0.1
 #: An effect is dropped again if the model without it loses less than this share of what all effects
-#: remove; of the last one, asked only beside a valley, less than this share of what it removed
-#: (training).
+#: remove; the last one if it loses less than this share of what that one removed (training).
 SUPERFLUOUS = 0.05
 #: Multiple of that loss: where the loss to first order is larger, the effect is kept, and no model
 #: without it is fitted, unless an earlier one is a valley (cost).

@@ -7,6 +7,7 @@ of names and without any, and held-out data judge.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ from ..candidate import Trial
 from ..discrepancy import Laws, Spline, advantage, least_t, nothing
 from ..fit import Fit
 from ..rules import (
+    CLEAN,
     DISCREPANCY_T,
     SEVERAL,
     SPARED,
@@ -123,8 +125,14 @@ def _lasting(
 
     @cache
     def not_use(k: int) -> bool:
-        """Whether what gets the k-th name does better than friction that warms up."""
-        return _not_use(models[k], models[k + 1], Laws.of(models[0]))
+        """Whether what gets the k-th name does better than friction that warms up.
+
+        If all names leave nothing, beside the others: else what is theirs would be left.
+        """
+        own = models[k], models[k + 1]
+        if cost(models[-1]) < CLEAN:
+            own = _all_but(k, models), models[-1]
+        return _not_use(*own, Laws.of(models[0]))
 
     def lasts(k: int) -> bool:
         """Whether what gets the k-th name is none of use, if it may be one."""
@@ -135,6 +143,13 @@ def _lasting(
         return any(_timed(groups[j]) and not_use(j) for j in later) or not_use(k)
 
     return next((k for k in range(len(groups)) if not lasts(k)), len(groups))
+
+
+def _all_but(k: int, models: Sequence[tuple[Fit, ...]]) -> tuple[Fit, ...]:
+    """Return the model with all names but the k-th, to first order."""
+    last, own = models[-1], zip(models[k], models[k + 1], strict=True)
+    changes = (before.e - after.e for before, after in own)
+    return tuple(replace(f, e=f.e + x) for f, x in zip(last, changes, strict=True))
 
 
 def _certain(

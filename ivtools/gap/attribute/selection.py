@@ -282,21 +282,21 @@ def _backward(
 ) -> tuple[list[str], tuple[Fit, ...], tuple[Fit, ...]]:
     """Drop effects that a later one made superfluous, or that stand for a descent that ended early.
 
-    What is far from superfluous to first order is not fitted without, unless it was found beside a
-    valley: that may go deeper without it, from where both are. The last name is needed, but for one
-    beside a valley that goes nearly as deep without it: of what it removed little is lost.
+    The last one may stand for the descent of those before it: where hardly anything is lost without
+    it of what it removed. What is far from superfluous to first order is not fitted without, unless
+    it was found beside a valley: that may go deeper without it, from where both are.
     """
     valleys = {t.name for t in fits[0].loop.terms if t.search == "valleys"}
     named = found = [t.name for t in won]
-    for k, name in enumerate(found):
+    for k, name in enumerate(found if len(found) > 1 else []):
         gap = float(np.mean([b.cost - h.cost for b, h in zip(base, held, strict=True)]))
-        sure = min(_lost(f, name) for f in fits) > SURELY_NEEDED * SUPERFLUOUS * gap
-        if (sure or name == found[-1]) and not valleys & {*found[:k]}:
+        least = SUPERFLUOUS * (won[k].removed if name == found[-1] else gap)
+        sure = min(_lost(f, name) for f in fits) > SURELY_NEEDED * least
+        if sure and not valleys & {*found[:k]}:
             continue
         fewer = _without(sides, fits, name)
         judged = frozen(sides, fewer)
-        loss = np.mean([j.cost - h.cost for j, h in zip(judged, held, strict=True)])
-        if loss < SUPERFLUOUS * (won[k].removed if name == found[-1] else gap):
+        if np.mean([j.cost - h.cost for j, h in zip(judged, held, strict=True)]) < least:
             named, fits, held = [n for n in named if n != name], fewer, judged
     return named, fits, held
 

@@ -16,6 +16,7 @@ from scipy import fft, signal, stats
 from ...errors import EstimationError
 from ...limits import LARGEST
 from ...linalg import NoiseModel, fir, independent, swing
+from ...linalg.autocovariance import burg
 from ...loop import Simulation
 from ...physics import EFFECTS
 from .. import spatial_lines
@@ -26,12 +27,11 @@ from ..rules import (
     DEPENDENT,
     EVENT_TIME,
     EVENTS_ONCE,
+    FAINTEST,
     FEW_EVENTS,
     FREE,
     FREQUENCIES,
     FULL,
-    LAG_WINDOW,
-    LARGEST_ROOT,
     LEARNT,
     LEAST_LEFT,
     NOISE_ORDER,
@@ -238,27 +238,18 @@ def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
 
 
 def autoregression(x: Array, mask: Mask) -> Array:
-    """Return the whitening polynomial of the masked samples by the Yule-Walker equations."""
-    x = np.where(mask, x, 0.0)
-    pairs = [float(mask[k:].astype(float) @ mask[: len(x) - k]) for k in range(NOISE_ORDER + 1)]
-    r = np.array([x[k:] @ x[: len(x) - k] / max(n, 1.0) for k, n in enumerate(pairs)])
-    r *= np.exp(
-        -0.5 * (LAG_WINDOW * np.arange(NOISE_ORDER + 1)) ** 2
-    )  # keeps the polynomial stable
-    r[0] *= 1.0 + 1e-6
-    if not r[0] > 0.0:
+    """Return the polynomial that whitens the masked samples, by Burg's autoregression.
+
+    What comes through the loop, as noise of the force does, has hardly anything of high frequency:
+    by the autocovariance of short windows, which leaks, it would not become white.
+    """
+    rows = np.flatnonzero(mask)
+    if not x[rows].any():
         return np.ones(1)
-    return _stable(NoiseModel.from_autocovariance(r).inverse)
-
-
-def _stable(whitener: Array) -> Array:
-    """Return the polynomial with its roots inside the unit circle: gaps may have moved them out."""
-    roots = np.roots(whitener)
-    size = np.abs(roots)
-    if not np.any(size >= 1.0):
-        return whitener
-    inside = np.minimum(np.where(size >= 1.0, 1.0 / size, size), LARGEST_ROOT)
-    return np.asarray(np.real(np.poly(inside * np.exp(1j * np.angle(roots)))))
+    starts = np.flatnonzero(np.diff(rows, prepend=rows[:1] - 2) > 1)
+    r = burg(x[rows], NOISE_ORDER, starts)
+    r[0] *= 1.0 + FAINTEST
+    return NoiseModel.from_autocovariance(r).inverse
 
 
 def _level(white: Array, keep: Mask, dt: float) -> float:
