@@ -142,7 +142,8 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
         whitener = autoregression(rest, quiet)
         white = fir(whitener, rest)
         taken = (columns.shape[1] + fit.J.shape[1] + NOISE_ORDER) / max(int(keep.sum()), 1)
-        scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, FREE))  # degrees of freedom
+        freedom = np.sqrt(max(1.0 - taken, FREE))
+        scale = _level(white, keep, dt) / freedom
         whitener = whitener / scale
         if k == 0:  # these would pass for coloured noise, and what remembers may pass for an event
             lines = _lines(fold, response, rest, whitener, simulation)
@@ -154,9 +155,11 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
     if not mask.any():  # what short windows show has sharper ends there
         mask = lasting(white, keep, dt, rounded)
     period = reference_period(fold.record)
+    own = autoregression(rest, quiet, 0.0)
+    own = own * freedom / max(_level(fir(own, rest), keep, dt), 1e-300)
     return Floor(
         whitener=whitener,
-        noise=_size(whitener, _taken(columns, fit, whitener), dt),
+        noise=_size(own, _taken(columns, fit, own), dt),
         generic=float(np.mean(white[keep & ~mask] ** 2)),
         period=period,
         passes=passes(raw, keep & ~mask, period, dt),
@@ -237,18 +240,25 @@ def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
     return mask if mask.sum() > PER_COEFFICIENT * NOISE_ORDER else keep
 
 
-def autoregression(x: Array, mask: Mask) -> Array:
+def autoregression(x: Array, mask: Mask, faintest: float = FAINTEST) -> Array:
     """Return the polynomial that whitens the masked samples, by Burg's autoregression.
 
     What comes through the loop, as noise of the force does, has hardly anything of high frequency:
     by the autocovariance of short windows, which leaks, it would not become white.
+
+    Parameters
+    ----------
+    x : ndarray, (n_samples,)
+    mask : ndarray of bool, (n_samples,)
+    faintest : float
+        Of its energy: white noise that is taken to be in it as well.
     """
     rows = np.flatnonzero(mask)
     if not x[rows].any():
         return np.ones(1)
     starts = np.flatnonzero(np.diff(rows, prepend=rows[:1] - 2) > 1)
     r = burg(x[rows], NOISE_ORDER, starts)
-    r[0] *= 1.0 + FAINTEST
+    r[0] *= 1.0 + faintest
     return NoiseModel.from_autocovariance(r).inverse
 
 
