@@ -77,6 +77,24 @@ def test_a_limit_that_nobody_declared_comes_back(loop):
     assert found.limit == pytest.approx(3.0, rel=1e-3)
 
 
+@pytest.mark.parametrize("declared", [True, False])
+def test_what_comes_near_a_limit_is_not_cut(loop, declared):
+    """An integrator that is taken to stand there would be wrong from then on."""
+    law = iv.loop.Controller("pid", {"kp": 39000.0, "ki": 2e5, "kd": 60.0}, limit=10.0)
+    loop = replace(loop, controller=law)
+    given = iv.datasets.twin()
+    free = np.abs(loop.simulate(given, THETA, initial="rest").nu[:, 0])
+    peaks = free[1:-1][(free[1:-1] > free[:-2]) & (free[1:-1] > free[2:])]
+    near = 1.0005 * np.quantile(peaks, 0.9)  # that peak comes near it
+    limited = replace(loop, controller=replace(law, limit=near))
+    sim = limited.simulate(given, THETA, initial="rest")
+    record, size = given.replace(q=sim.q, nu=sim.nu), np.abs(sim.nu)
+    assert ((size > 0.999 * near) & (size < near)).sum() >= 3 and (size == near).sum() > 8
+    found = parity.check(record, limited if declared else loop)
+    assert found.after < 1e-6 and not found.mismatch
+    assert found.limit == (None if declared else pytest.approx(near))
+
+
 def test_a_limit_that_the_law_hardly_exceeds_explains_the_command():
     """A PID whose integrator is a little wrong is below its limit at the ends of many stretches."""
     case = draw(Task("controllers", 7701, ("saturation",), ("pid",)))

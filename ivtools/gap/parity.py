@@ -255,7 +255,7 @@ class Signals:
         self.whole = loop.command(record)
         self.command = self.whole[:, 0]
         self.limit = loop.controller.limit  # at which the record was clipped
-        self.least = AT_LIMIT * self.limit  # from which it sits there
+        self.least = _least(np.abs(self.own), self.limit, AT_LIMIT)  # from which it sits there
 
     @property
     def own(self) -> Array:
@@ -296,8 +296,9 @@ def _limit(
     The top of a command that was measured, as a current is, is as flat as its noise lets it.
     """
     own = np.abs(signals.own)
-    largest = float(np.max(own))
-    for level, least in (_level(signals, controller, own), _top(own)):
+    largest, top = float(np.max(own)), _top(own)
+    noisy = not AT_TOP * largest < top[1] < np.inf
+    for level, least in (_level(signals, controller, own), top) if noisy else (top,):
         at_top = own > least
         if at_top.sum() < LIMIT_SAMPLES:
             continue
@@ -319,7 +320,16 @@ def _top(own: Array) -> tuple[float, float]:
     largest = float(np.max(own))
     least = AT_TOP * largest
     sits = np.median(own[own >= least]) >= least + SITS * (largest - least)
-    return largest, least if sits else np.inf
+    return largest, _least(own, largest, AT_TOP) if sits else np.inf
+
+
+def _least(own: Array, limit: float, share: float) -> float:
+    """Return from which command on it sits at a limit: a share of it, or all where the log has it.
+
+    An integrator that is taken to stand while the command comes near is wrong from then on.
+    """
+    exact = (1.0 - ROUNDING) * limit
+    return exact if np.sum(own >= exact) >= LIMIT_SAMPLES else share * limit
 
 
 def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float, float]:
