@@ -244,8 +244,9 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
         return found
     models = [common(fits) for fits in (base, frozen(sides, found.fits))]
     laws = Laws.of(models[0])
-    winners = [tuple(t for _, t in found.winners.values())]
-    if laws is None or names_kept(models, laws, winners, found.rules).told:
+    before, held = models
+    whole = tuple(replace(t, before=before, held=held) for _, t in found.winners.values())
+    if laws is None or names_kept(models, laws, [whole], found.rules).told:
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 
