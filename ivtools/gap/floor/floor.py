@@ -32,6 +32,7 @@ from ..rules import (
     FREE,
     FREQUENCIES,
     FULL,
+    LAG_WINDOW,
     LEARNT,
     LEAST_LEFT,
     NOISE_ORDER,
@@ -258,6 +259,7 @@ def autoregression(x: Array, mask: Mask, faintest: float = FAINTEST) -> Array:
         return np.ones(1)
     starts = np.flatnonzero(np.diff(rows, prepend=rows[:1] - 2) > 1)
     r = burg(x[rows], NOISE_ORDER, starts)
+    r *= np.exp(-0.5 * (LAG_WINDOW * np.arange(NOISE_ORDER + 1)) ** 2)
     r[0] *= 1.0 + faintest
     return NoiseModel.from_autocovariance(r).inverse
 
