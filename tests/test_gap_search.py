@@ -543,13 +543,6 @@ def test_bumps_over_position_are_no_line(seed, effects, behind):
     assert gap.effects == effects
 
 
-def test_a_name_without_what_stands_out_is_judged_on_all_of_the_records():
-    """Whether it stands there, beside a force without a name, is asked of all samples."""
-    loop, one, two, _ = drawn("unknown", 8330, ("asymmetric-viscous",), ("curly",))
-    gap = iv.diagnose(one, loop, two)
-    assert any(f.isolated for f in gap.floors) and {*gap.effects} <= {"asymmetric-viscous"}
-
-
 @pytest.mark.parametrize(
     ("seed", "pair"),
     [(4005, ("stribeck", "spring")), (4007, ("drive-timing", "flexibility"))],

@@ -277,10 +277,10 @@ SHOWN = 1e-5
 #: windows tell nothing of slower noise; with 0.02 an unknown force is learnt as up to 60 times the
 #: noise, with 0.1 noise that came through a loop does not become white).
 LAG_WINDOW = 0.05
-#: White noise, of the energy of all noise, that is taken to be there: where the loop lets hardly any
-#: noise of high frequency through, dry friction that is never quite dry stands out of it (judgement:
-#: with 1e-6 standstill is an event on a healthy axis of MuJoCo's with noise of the force only, with
-#: 4e-4 a model that is driven by its measured motion has no name).
+#: White noise, of the energy of all noise, that is taken to be there: where the loop lets hardly
+#: any noise of high frequency through, dry friction that is never quite dry stands out of it
+#: (judgement: with 1e-6 standstill is an event on a healthy axis of MuJoCo's with noise of the
+#: force only, with 4e-4 a model that is driven by its measured motion has no name).
 FAINTEST = 1e-3
 #: Share of the degrees of freedom that fitted columns leave, at least (numerics).
 FREE = 0.5
