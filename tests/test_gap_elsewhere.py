@@ -245,10 +245,11 @@ def test_a_slow_rate_has_a_pipeline(hz):
         assert pipeline.cutoff_hz < 0.45 * hz
 
 
-def test_a_line_that_one_of_two_motions_hardly_repeats_is_found():
+@pytest.mark.parametrize("effect", ["cogging", "torque-ripple"])
+def test_a_line_that_one_of_two_motions_hardly_repeats_is_found(effect):
     """It comes four times in one record, and less than twice where the other one has been."""
-    effect = "cogging"  # of a torque ripple smooth laws could have 0.52, for 0.5 (`UNLIKE_SMOOTH`)
-    loop = iv.axes.emps().with_effect(effect, cosine=6.0, sine=3.0, period=0.055)
+    size = {"cogging": 6.0, "torque-ripple": 0.08}[effect]
+    loop = iv.axes.emps().with_effect(effect, cosine=size, sine=0.5 * size, period=0.055)
     records = []
     for stroke, rate, name in ((0.11, 0.21, "wide"), (0.05, 0.27, "narrow")):
         t = np.arange(0.0, SECONDS, moves.DT)

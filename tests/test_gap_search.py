@@ -487,7 +487,7 @@ def test_a_large_gap_is_searched_again_with_more_points():
     loop, one, two, _ = drawn("single", 5207, ("backlash",))
     gap = iv.diagnose(one, loop, two)
     assert gap.effects == ("backlash",)
-    assert gap.chi[1] < 0.4 * gap.chi[0]
+    assert gap.chi[1] < 0.25 * gap.chi[0]
 
 
 @pytest.mark.parametrize(

@@ -273,15 +273,9 @@ DEPENDENT = 1e-12
 #: A smooth law is fitted to typical samples if they show this share of its energy at least
 #: (training: a joint beside one that rattles, 1e-5 to 0.01 do the same; the least changes fewest).
 SHOWN = 1e-5
-#: Width of the lag window, per sample, that smooths the spectrum of the noise (judgement: quiet
-#: windows tell nothing of slower noise; with 0.02 an unknown force is learnt as up to 60 times the
-#: noise, with 0.1 noise that came through a loop does not become white).
-LAG_WINDOW = 0.05
-#: White noise, of the energy of all noise, that is taken to be there: where the loop lets hardly
-#: any noise of high frequency through, dry friction that is never quite dry stands out of it
-#: (judgement: with 1e-6 standstill is an event on a healthy axis of MuJoCo's with noise of the
-#: force only, with 4e-4 a model that is driven by its measured motion has no name).
-FAINTEST = 1e-3
+#: Width of the lag window that keeps the noise model stable, per sample, and its largest root
+#: (numerics: the spectrum is smoothed over a hundredth of the rate).
+LAG_WINDOW, LARGEST_ROOT = 0.02, 0.999
 #: Share of the degrees of freedom that fitted columns leave, at least (numerics).
 FREE = 0.5
 #: Bins of frequency, and least share of the noise in one that fitted columns leave (numerics).

@@ -16,7 +16,6 @@ from scipy import fft, signal, stats
 from ...errors import EstimationError
 from ...limits import LARGEST
 from ...linalg import NoiseModel, fir, independent, swing
-from ...linalg.autocovariance import burg
 from ...loop import Simulation
 from ...physics import EFFECTS
 from .. import spatial_lines
@@ -27,12 +26,12 @@ from ..rules import (
     DEPENDENT,
     EVENT_TIME,
     EVENTS_ONCE,
-    FAINTEST,
     FEW_EVENTS,
     FREE,
     FREQUENCIES,
     FULL,
     LAG_WINDOW,
+    LARGEST_ROOT,
     LEARNT,
     LEAST_LEFT,
     NOISE_ORDER,
@@ -143,8 +142,7 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
         whitener = autoregression(rest, quiet)
         white = fir(whitener, rest)
         taken = (columns.shape[1] + fit.J.shape[1] + NOISE_ORDER) / max(int(keep.sum()), 1)
-        freedom = np.sqrt(max(1.0 - taken, FREE))
-        scale = _level(white, keep, dt) / freedom
+        scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, FREE))  # degrees of freedom
         whitener = whitener / scale
         if k == 0:  # these would pass for coloured noise, and what remembers may pass for an event
             lines = _lines(fold, response, rest, whitener, simulation)
@@ -156,11 +154,9 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
     if not mask.any():  # what short windows show has sharper ends there
         mask = lasting(white, keep, dt, rounded)
     period = reference_period(fold.record)
-    own = autoregression(rest, quiet, 0.0)
-    own = own * freedom / max(_level(fir(own, rest), keep, dt), 1e-300)
     return Floor(
         whitener=whitener,
-        noise=_size(own, _taken(columns, fit, own), dt),
+        noise=_size(whitener, _taken(columns, fit, whitener), dt),
         generic=float(np.mean(white[keep & ~mask] ** 2)),
         period=period,
         passes=passes(raw, keep & ~mask, period, dt),
@@ -241,27 +237,28 @@ def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
     return mask if mask.sum() > PER_COEFFICIENT * NOISE_ORDER else keep
 
 
-def autoregression(x: Array, mask: Mask, faintest: float = FAINTEST) -> Array:
-    """Return the polynomial that whitens the masked samples, by Burg's autoregression.
-
-    What comes through the loop, as noise of the force does, has hardly anything of high frequency:
-    by the autocovariance of short windows, which leaks, it would not become white.
-
-    Parameters
-    ----------
-    x : ndarray, (n_samples,)
-    mask : ndarray of bool, (n_samples,)
-    faintest : float
-        Of its energy: white noise that is taken to be in it as well.
-    """
-    rows = np.flatnonzero(mask)
-    if not x[rows].any():
+def autoregression(x: Array, mask: Mask) -> Array:
+    """Return the whitening polynomial of the masked samples by the Yule-Walker equations."""
+    x = np.where(mask, x, 0.0)
+    pairs = [float(mask[k:].astype(float) @ mask[: len(x) - k]) for k in range(NOISE_ORDER + 1)]
+    r = np.array([x[k:] @ x[: len(x) - k] / max(n, 1.0) for k, n in enumerate(pairs)])
+    r *= np.exp(
+        -0.5 * (LAG_WINDOW * np.arange(NOISE_ORDER + 1)) ** 2
+    )  # keeps the polynomial stable
+    r[0] *= 1.0 + 1e-6
+    if not r[0] > 0.0:
         return np.ones(1)
-    starts = np.flatnonzero(np.diff(rows, prepend=rows[:1] - 2) > 1)
-    r = burg(x[rows], NOISE_ORDER, starts)
-    r *= np.exp(-0.5 * (LAG_WINDOW * np.arange(NOISE_ORDER + 1)) ** 2)
-    r[0] *= 1.0 + faintest
-    return NoiseModel.from_autocovariance(r).inverse
+    return _stable(NoiseModel.from_autocovariance(r).inverse)
+
+
+def _stable(whitener: Array) -> Array:
+    """Return the polynomial with its roots inside the unit circle: gaps may have moved them out."""
+    roots = np.roots(whitener)
+    size = np.abs(roots)
+    if not np.any(size >= 1.0):
+        return whitener
+    inside = np.minimum(np.where(size >= 1.0, 1.0 / size, size), LARGEST_ROOT)
+    return np.asarray(np.real(np.poly(inside * np.exp(1j * np.angle(roots)))))
 
 
 def _level(white: Array, keep: Mask, dt: float) -> float:
