@@ -150,15 +150,20 @@ class Trial:
         """Whether a parameter is smaller or larger than the effect's name allows on this axis.
 
         Sizes are those of the record where they are larger: a line comes twice in one of them. Of
-        two parameters of which either does it the other is nothing.
+        two parameters of which either does it one is enough: the other may be nothing, or hardly
+        anything.
         """
         found = [Scales(fit.fold.record, fit.loop).sizes for fit in self.fits]
         sizes = {k: max(size[k] for size in found) for k in found[0]}
         pairs = list(zip(self.term.names, self.term.parameters, strict=True))
-        values = ((fit.values[n] / sizes[p.scale], p) for fit in self.fits for n, p in pairs)
-        either = self.term.search == "either"
-        sized = ((v, p) for v, p in values if not (either and v == p.neutral))
-        return not all(p.least <= v <= p.most for v, p in sized)
+        small = any if self.term.search != "either" else all
+
+        def beyond(fit: Fit) -> bool:
+            """Whether that holds of one fold."""
+            sized = [(fit.values[n] / sizes[p.scale], p) for n, p in pairs]
+            return any(v > p.most for v, p in sized) or small(v < p.least for v, p in sized)
+
+        return any(map(beyond, self.fits))
 
     @cached_property
     def lowers(self) -> bool:
