@@ -145,6 +145,20 @@ def test_a_force_of_position_times_speed_is_no_noise(period, power, noise):
     assert gap.verdict not in ("adequate", "explained")
 
 
+@pytest.mark.parametrize("size", [5.0, 15.0])
+def test_a_slow_force_that_follows_nothing_is_no_noise(size, noise):
+    """It had been learnt as coloured noise: of a short record all of it, and it was adequate."""
+
+    def force(v):
+        rng, t = np.random.default_rng([7, len(v), round(1e6 * abs(v).sum())]), np.arange(len(v))
+        waves = np.sin(2.0 * np.pi * np.outer(t * moves.DT, rng.uniform(0.3, 1.0, 5)) + range(5))
+        return size * np.sum(waves, axis=1) / np.sqrt(2.5)
+
+    gap = beside_a_force(force)
+    assert gap.floors[0].noise < 4.0 * noise
+    assert gap.verdict == "unexplained" and gap.effects == ()
+
+
 @pytest.mark.parametrize("hz", [7.0, 12.0, 75.0])
 def test_a_second_mass_is_found_below_and_above_the_usual(hz):
     one, two = pair("flexibility", frequency_hz=hz, damping=0.03, load_share=0.3)

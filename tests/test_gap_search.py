@@ -512,6 +512,20 @@ def test_a_line_comes_at_least_twice():
     assert not {"cogging", "torque-ripple", "encoder-eccentricity"} & {*gap.effects}
 
 
+def test_of_a_delay_and_a_lag_one_is_enough_for_a_name():
+    """Beside another effect one fold found a hundredth of a sample of the other one as well."""
+    twin, (loop, theta) = iv.datasets.twin(), axis("drive-timing")
+
+    def inside(delay, lag):
+        """Whether a fit with so many samples of either may have the name."""
+        times = {"drive-timing.delay": delay * twin.dt, "drive-timing.lag": lag * twin.dt}
+        one = SimpleNamespace(fold=SimpleNamespace(record=twin), loop=loop, values=theta | times)
+        return candidate.Trial(EFFECTS["drive-timing"], (one, one), (), ()).inside
+
+    assert inside(0.0, 2.0) and inside(2.0, 0.0) and inside(0.01, 2.0) and inside(2.0, 0.01)
+    assert not inside(0.0, 0.0) and not inside(0.01, 0.02)
+
+
 def test_a_line_of_few_periods_that_leaves_nothing_is_one():
     """A smooth law has most of it; a curve of the same period that is no sine is described."""
 

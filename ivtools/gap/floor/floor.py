@@ -38,6 +38,8 @@ from ..rules import (
     PER_COEFFICIENT,
     QUIET,
     SHOWN,
+    SLOW_FORCE,
+    SLOW_HZ,
     SPLIT_HZ,
     SPLIT_RATE,
     SWINGING,
@@ -137,10 +139,11 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
         ringing = np.hstack([ringing, found.swing.begun(len(raw), dt)])
         columns = np.hstack([columns, response(ringing)])
         rest = _project(columns, fit, raw, keep)
+    most = SLOW_FORCE * fold.force_rms(fit.loop)
     for k in range(LEARNT):
-        quiet = _quiet(rest, keep, dt)
-        whitener = autoregression(rest, quiet)
-        white = fir(whitener, rest)
+        noise = _without_slow_forces(rest, keep, dt, most)
+        whitener = autoregression(noise, _quiet(noise, keep, dt))
+        white = fir(whitener, noise)
         taken = (columns.shape[1] + fit.J.shape[1] + NOISE_ORDER) / max(int(keep.sum()), 1)
         scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, FREE))  # degrees of freedom
         whitener = whitener / scale
@@ -219,6 +222,22 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     shown = share > SHOWN
     beta = alone @ (within[:, shown] @ (within[:, shown].T @ (B.T @ b) / share[shown]))
     return np.asarray(raw - basis @ beta)
+
+
+def _without_slow_forces(x: Array, keep: Mask, dt: float, most: float) -> Array:
+    """Return an error with as much that is slow as noise has, if it is too much to be noise.
+
+    No sensor makes much of it; a force does, which a noise model of a few milliseconds would learn.
+    As much as noise has is what the next octave has.
+    """
+    slow, both = (
+        signal.sosfiltfilt(signal.butter(2, min(2 * hz * dt, SPLIT_RATE), output="sos"), x * keep)
+        for hz in (SLOW_HZ, 2.0 * SLOW_HZ)
+    )
+    size, next_octave = (float(np.sqrt(np.mean(part[keep] ** 2))) for part in (slow, both - slow))
+    if not size > max(most, next_octave):
+        return x
+    return np.asarray(x - (1.0 - next_octave / size) * slow)
 
 
 def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
