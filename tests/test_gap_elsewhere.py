@@ -159,6 +159,14 @@ def test_a_slow_force_that_follows_nothing_is_no_noise(size, noise):
     assert gap.verdict == "unexplained" and gap.effects == ()
 
 
+@pytest.mark.parametrize(("size", "said"), [(0.6, False), (60.0, True)])
+def test_that_much_of_the_force_counts_as_noise_is_said(size, said, monkeypatch):
+    """Two records of one motion would show whether it is."""
+    one, two = pair(noise=size, monkeypatch=monkeypatch)
+    lines = [line for line in iv.diagnose(one, iv.axes.emps(), two).advice if "as noise" in line]
+    assert len(lines) == 2 * said and all("two records of one motion" in x for x in lines)
+
+
 @pytest.mark.parametrize("hz", [7.0, 12.0, 75.0])
 def test_a_second_mass_is_found_below_and_above_the_usual(hz):
     one, two = pair("flexibility", frequency_hz=hz, damping=0.03, load_share=0.3)

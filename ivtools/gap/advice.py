@@ -27,6 +27,7 @@ from .rules import (
     DITHER,
     DITHER_HZ,
     DITHER_LINES,
+    NOISY,
     PACES,
     REMARK,
     SLOWER,
@@ -198,6 +199,12 @@ def remarks(
             when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in m.floor.events[:6])
             said = "stretches far above the noise, which no smooth law explains"
             lines.append(f"{name}: {said}: {when}")
+        if m.floor.between is None and m.floor.noise > NOISY * m.force:
+            lines.append(
+                f"{name}: {percent(m.floor.noise / m.force)} of the force counts as noise, "
+                "for no law of the motion describes it; a force from outside would look the same: "
+                "two records of one motion tell them apart"
+            )
         if p.clipped > 0.0:
             lines.append(
                 f"{name}: the command sits at its limit in {100 * p.clipped:.2g} % of the samples; "

@@ -642,6 +642,8 @@ CHANGED_BY = 0.05
 STEADY = 1.3
 #: Share of a record outside the other one's range that is worth a remark (taste).
 REMARK = 0.03
+#: Noise of a record, of the force, that is worth one (judgement: twice what is usual).
+NOISY = 0.1
 #: Share of the samples at which a known input may step to have edges of its own (judgement).
 FEW_EDGES = 0.05
 #: Confidence of the intervals of force errors, and of changes (convention).
