@@ -173,6 +173,21 @@ def test_a_gap_below_the_tolerance_is_negligible_in_words():
     assert "negligible" in wide.summary() and wide.effects == ("asymmetric-viscous",)
 
 
+@pytest.mark.parametrize(
+    ("verdict", "held_out", "said"),
+    [
+        ("adequate", True, "gap: negligible"),
+        ("unexplained", True, "gap: on the hold-out negligible"),
+        ("unexplained", False, "gap: negligible"),
+    ],
+)
+def test_a_gap_that_only_the_other_record_has_is_negligible_on_the_holdout(verdict, held_out, said):
+    loop = iv.axes.emps()
+    gap = iv.diagnose(record(6, loop), loop, record(7, loop))
+    shrink = replace(gap.shrink, held_out=held_out)
+    assert said in replace(gap, verdict=verdict, shrink=shrink).summary()
+
+
 @pytest.fixture(scope="module")
 def hilly():
     loop = iv.axes.emps().with_effect(HILLS, size=6.0)

@@ -217,13 +217,25 @@ class Diagnosis(Displayed):
         if not self.negligible:
             return text
         all_of_it = s.before < 0.01 * self.tolerance * s.force
-        return f"negligible{'' if all_of_it else ' above the floor'}: {text}, floor included"
+        above = "" if all_of_it else " above the floor"
+        return f"{self.small}{above}: {text}, floor included"
 
     @property
     def negligible(self) -> bool:
         """Whether the gap is below the tolerance, and no setting has changed."""
         s = self.shrink
         return s is not None and not self.changed and s.gap < 0.01 * self.tolerance * s.force
+
+    @property
+    def small(self) -> str:
+        """That the gap is negligible, in words; an empty text if it is not.
+
+        Of one that no effect explains, where it is that: the other record has it.
+        """
+        if self.shrink is None or not self.negligible:
+            return ""
+        elsewhere = self.verdict == "unexplained" and self.shrink.held_out
+        return "on the hold-out negligible" if elsewhere else "negligible"
 
     @property
     def why(self) -> str:

@@ -262,7 +262,8 @@ def gap_text(diagnosis: Diagnosis) -> list[str]:
         f"{percent(s.before / s.force)} of the force"
     )
     text = "The simulation as the axis file has it diverges" if s.diverges else text
-    text = f"Negligible: {text[0].lower()}{text[1:]}" if diagnosis.negligible else text
+    if small := diagnosis.small:
+        text = f"{small.capitalize()}: {text[0].lower()}{text[1:]}"
     if not diagnosis.effects:
         told = f"{text},{_controller(s)} and the floor, which no model could go below, is {floor}."
         return [f"{told}{_handed_over(s)}"]
