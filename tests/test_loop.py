@@ -12,7 +12,8 @@ from benchmarks import populations
 from ivtools import Record, axes
 from ivtools.errors import AxisError, RecordError, ShapeError
 from ivtools.loop import ClosedLoop, Controller, integrator, steps
-from ivtools.loop.engine import plant
+from ivtools.loop.controllers.filters import LoopFilter
+from ivtools.loop.engine import plant, started
 from ivtools.loop.system import initial_state
 from ivtools.physics import EFFECTS, Parameter, Term
 
@@ -615,3 +616,32 @@ def test_a_simulation_ends_where_it_diverges(effect, twin):
     assert not simulation.finite
     assert np.isnan(simulation.nu[len(twin.t) // 2 :]).all()
     assert axes.emps().simulate(twin, {**theta, "inertia": 95.0}).finite
+
+
+# -- how a record begins ---------------------------------------------------------------------------
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_a_filter_that_forgets_faster_than_velocities_begin_starts_settled(noise):
+    """Noise of a ten-thousandth of the command had started it with a quarter of the command."""
+    lowpass = LoopFilter("lowpass", 570.0)
+    settings = {"kp": 49.0, "kv": 360.0, "ki": 27.0}
+    law = Controller("p-pi", settings, delay=1, velocity="logged", filter=lowpass)
+    loop = replace(axes.emps(), controller=law, gain=0.0022)
+    theta = {"inertia": 4e-3, "viscous": 0.01, "coulomb": 0.02, "offset": 0.001}
+    dt = 4e-4
+    t = np.arange(0.0, 2.0, dt)
+    q_ref = 0.1 * (1.0 - np.cos(1.4 * np.pi * t)) * np.clip(t / 0.3, 0.0, 1.0)
+    asked = Record(t, q_ref, q_ref=q_ref, nu=q_ref, dq=np.gradient(q_ref, dt))
+    ran = loop.simulate(asked, theta, initial="rest")
+    size = float(np.std(ran.nu))
+    logged = ran.nu + noise * size * np.random.default_rng(1).normal(size=ran.nu.shape)
+    record = Record(t, ran.q, q_ref=q_ref, nu=logged, dq=ran.dq)
+    assert np.abs(loop.simulate(record, theta).nu - ran.nu).max() < 1e-3 * size
+
+
+@pytest.mark.parametrize(("power", "most"), [(3, 2e-3), (4, 1e-3)])
+@pytest.mark.parametrize("noise", [0.0, 1e-7])
+def test_a_gentle_start_from_rest_is_one(power, most, noise):
+    """A parabola through 20 samples of it had begun at ten times that speed, m/s."""
+    t = np.arange(0.0, 0.1, 1e-3)
+    q = 0.1 * (t / t[-1]) ** power + noise * np.random.default_rng(2).normal(size=len(t))
+    assert abs(started(q, 1e-3)[1]) < most

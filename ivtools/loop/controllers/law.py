@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 INPUTS = ("q_ref", "dq_ref", "feed", "q", "dq")
 _AT_LIMIT = 1.0 - 1e-6  # of the limit, from which a command counts as clipped
-_SILENT = 1e-6  # of a state's own response: what is seen of it where little can be
+_SILENT = 1e-2  # of a state's own response: where less is seen of it, it is as if settled
 KNOWN, MEASURED = slice(0, 3), slice(3, 5)  # of the inputs: before a simulation, and in it
 
 
@@ -166,9 +166,10 @@ class LinearLaw:
         if rows.sum() > 4 * len(self.taps):  # the first velocities rest on a guess of the past
             rows[: len(self.taps)] = False
         left = (command - given)[rows]
-        size = np.maximum(np.linalg.norm(free, axis=0), 1e-300)  # clipped samples tell no state
-        X = np.vstack([free[rows] / size, _SILENT * np.eye(len(start))])
-        change = np.linalg.lstsq(X, np.append(left, np.zeros(len(start))), rcond=None)[0] / size
+        size = np.maximum(np.max(np.abs(free), axis=0), 1e-300)
+        U, seen, V = np.linalg.svd(free[rows] / size, full_matrices=False)
+        told = seen > _SILENT  # noise would be all of the others
+        change = V[told].T @ (U[:, told].T @ left / seen[told]) / size
         found = start + change
         return found if np.isfinite(found).all() else start
 
