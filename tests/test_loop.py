@@ -13,7 +13,7 @@ from ivtools import Record, axes
 from ivtools.errors import AxisError, RecordError, ShapeError
 from ivtools.loop import ClosedLoop, Controller, integrator, steps
 from ivtools.loop.controllers.filters import LoopFilter
-from ivtools.loop.engine import plant, started
+from ivtools.loop.engine import plant
 from ivtools.loop.system import initial_state
 from ivtools.physics import EFFECTS, Parameter, Term
 
@@ -636,12 +636,3 @@ def test_a_filter_that_forgets_faster_than_velocities_begin_starts_settled(noise
     logged = ran.nu + noise * size * np.random.default_rng(1).normal(size=ran.nu.shape)
     record = Record(t, ran.q, q_ref=q_ref, nu=logged, dq=ran.dq)
     assert np.abs(loop.simulate(record, theta).nu - ran.nu).max() < 1e-3 * size
-
-
-@pytest.mark.parametrize(("power", "most"), [(3, 2e-3), (4, 1e-3)])
-@pytest.mark.parametrize("noise", [0.0, 1e-7])
-def test_a_gentle_start_from_rest_is_one(power, most, noise):
-    """A parabola through 20 samples of it had begun at ten times that speed, m/s."""
-    t = np.arange(0.0, 0.1, 1e-3)
-    q = 0.1 * (t / t[-1]) ** power + noise * np.random.default_rng(2).normal(size=len(t))
-    assert abs(started(q, 1e-3)[1]) < most

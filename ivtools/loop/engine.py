@@ -27,7 +27,7 @@ Motion = tuple[float, float, float]  # position, velocity and acceleration
 _LONGEST_DELAY = 10.0  # s
 _BEGINNING = 0.3  # s that tell in which state a law began a record
 _START_SAMPLES = 20  # the initial velocity is the slope of a parabola through so many samples
-_START_TIME = 0.021  # s; where they last longer, or are no parabola, through fewer
+_START_TIME = 0.021  # s; where they last longer, through fewer
 _FEWER, _BENT = (20, 14, 10, 7, 5, 4), 2.0  # until it leaves no more than so much of the noise
 _NUMBERS = mechanics.PARAMETERS.itemsize // 8  # of a parameter record
 
@@ -305,7 +305,7 @@ def started(q: Array, dt: float) -> Motion:
         y, k = q[: n + 1] - q[0], np.arange(min(n + 1, len(q)))
         (start, slope, bend), _ = np.polynomial.polynomial.polyfit(k, y, 2, full=True)
         rest = y - (start + slope * k + bend * k**2)
-        if n * dt <= _START_TIME and np.sqrt(np.mean(rest**2)) <= _BENT * noise:
+        if n * dt <= _START_TIME or np.sqrt(np.mean(rest**2)) <= _BENT * noise:
             break
     return float(start + q[0]), float(slope / dt), float(2.0 * bend / dt**2)
 
