@@ -10,7 +10,7 @@ from benchmarks import moves
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import candidate, fit, parity
-from ivtools.gap.attribute import attribute, selection
+from ivtools.gap.attribute import attribute, kept, selection
 from ivtools.gap.candidate import deeper, frozen, starts
 from ivtools.gap.diagnose import Task as Asked
 from ivtools.gap.diagnose import begin
@@ -555,6 +555,25 @@ def test_bumps_over_position_are_no_line(seed, effects, behind):
     loop, one, two, _ = drawn("unknown", seed, effects, (behind,))
     gap = iv.diagnose(one, loop, two)
     assert gap.effects == effects
+
+
+def test_a_name_without_what_stands_out_is_asked_on_all_samples(monkeypatch):
+    """Its own trial has fewer; beside a force without a name on all of them that was an error."""
+    loop = axis("asymmetric-viscous", delta=-60.0)[0]
+
+    def pushes(v):
+        """Return a force, N, that acts twice for a moment."""
+        return 6.0 * np.isin(np.arange(len(v)) // 150, (30, 60))
+
+    pair = [
+        moves.record(loop, loop.values(BASE), 16.0, seed, unknown=pushes if seed == 1 else None)
+        for seed in (1, 2)
+    ]
+    start = begin(Asked(pair[0], iv.axes.emps(), pair[1]))
+    found = attribute(*start.calm_folds, start.rules)
+    assert start.eventful and found.named == ("asymmetric-viscous",)
+    monkeypatch.setattr(kept, "outmatched", lambda *args: True)
+    assert selection.upheld(*start.folds, found).named in ((), found.named)
 
 
 @pytest.mark.parametrize(
