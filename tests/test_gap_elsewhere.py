@@ -147,9 +147,10 @@ def test_a_force_of_position_times_speed_is_no_noise(period, power, noise):
 
 @pytest.mark.parametrize("size", [5.0, 15.0])
 def test_a_slow_force_that_follows_nothing_is_no_noise(size, noise):
-    """It had been learnt as coloured noise: of a short record all of it, and it was adequate."""
+    """It had been learnt as coloured noise, of five to six times the noise that there is."""
 
     def force(v):
+        """Return five slow waves, N, that each motion has of its own."""
         rng, t = np.random.default_rng([7, len(v), round(1e6 * abs(v).sum())]), np.arange(len(v))
         waves = np.sin(2.0 * np.pi * np.outer(t * moves.DT, rng.uniform(0.3, 1.0, 5)) + range(5))
         return size * np.sum(waves, axis=1) / np.sqrt(2.5)
@@ -157,6 +158,20 @@ def test_a_slow_force_that_follows_nothing_is_no_noise(size, noise):
     gap = beside_a_force(force)
     assert gap.floors[0].noise < 4.0 * noise
     assert gap.verdict == "unexplained" and gap.effects == ()
+
+
+@pytest.mark.parametrize("size", [0.3, 3.0])
+def test_noise_of_the_force_alone_is_no_gap(size):
+    """No sensor of this axis has any: all that is in the command came through the loop."""
+    loop, found = iv.axes.emps(), []
+    for seed in (1, 2):
+        rng = np.random.default_rng(seed)
+        q_ref = moves.reference(rng, SECONDS)
+        asked = Record(np.arange(len(q_ref)) * moves.DT, q_ref, q_ref=q_ref, nu=q_ref)
+        noise = rng.normal(0.0, size, len(q_ref))
+        ran = loop.simulate(asked, loop.values(BASE), initial="rest", force_noise=noise)
+        found.append(Record(asked.t, ran.q, q_ref=q_ref, nu=ran.nu))
+    assert iv.diagnose(found[0], loop, found[1]).verdict == "adequate"
 
 
 @pytest.mark.parametrize(("size", "said"), [(0.6, False), (60.0, True)])

@@ -214,11 +214,10 @@ class Diagnosis(Displayed):
         if s.diverges:
             return "the simulation diverges"
         text = f"{s.shown(s.before)} rms, {percent(s.before / s.force)} of the force"
-        if not self.negligible:
+        if not (small := self.small):
             return text
-        all_of_it = s.before < 0.01 * self.tolerance * s.force
-        above = "" if all_of_it else " above the floor"
-        return f"{self.small}{above}: {text}, floor included"
+        above = "" if s.before < 0.01 * self.tolerance * s.force else " above the floor"
+        return f"{small}{above}: {text}, floor included"
 
     @property
     def negligible(self) -> bool:

@@ -296,9 +296,9 @@ LEARNT = 3
 #: (training: of twenty axes of MuJoCo's without an effect two had events where half of the samples
 #: were as before).
 ROUNDED = 1.0
-#: Frequency, Hz, below which an error is slow, and the share of the force, rms, from which on that
-#: is no noise (MuJoCo: of 13 axes with noise alone 3.6 % at most, of a line that hardly comes again
-#: 6, of slow forces, pendulums and second axes without a name 5 to 55).
+#: Frequency, Hz, below which an error is slow, and the share of the force, rms, from which on what
+#: smooth laws leave of it is no noise (MuJoCo: 3.2 % at most on 13 axes with noise alone, 14 of 16
+#: slow forces, pendulums and second axes above 5; a line that hardly comes again has 6).
 SLOW_HZ, SLOW_FORCE = 5.0, 0.07
 #: Seconds of longer windows, and deviations of their energy or mean beyond which a weak force has
 #: acted for a while (training: 24 records without one are below 3.9, of three lost ones above 6).
@@ -642,7 +642,7 @@ CHANGED_BY = 0.05
 STEADY = 1.3
 #: Share of a record outside the other one's range that is worth a remark (taste).
 REMARK = 0.03
-#: Noise of a record, of the force, that is worth one (judgement: twice what is usual).
+#: Noise of a record, of the force, that is worth one (judgement).
 NOISY = 0.1
 #: Share of the samples at which a known input may step to have edges of its own (judgement).
 FEW_EDGES = 0.05

@@ -230,20 +230,22 @@ def _without_slow_forces(x: Array, keep: Mask, dt: float, most: float) -> Array:
     No sensor makes much of it; a force does, which a noise model of a few milliseconds would learn.
     As much as noise has is what the next octave has.
     """
-    slow, both = (
-        signal.sosfiltfilt(signal.butter(2, min(2 * hz * dt, SPLIT_RATE), output="sos"), x * keep)
-        for hz in (SLOW_HZ, 2.0 * SLOW_HZ)
-    )
+    slow, both = (_below(x * keep, hz, dt) for hz in (SLOW_HZ, 2.0 * SLOW_HZ))
     size, next_octave = (float(np.sqrt(np.mean(part[keep] ** 2))) for part in (slow, both - slow))
     if not size > max(most, next_octave):
         return x
     return np.asarray(x - (1.0 - next_octave / size) * slow)
 
 
+def _below(x: Array, hz: float, dt: float) -> Array:
+    """Return what a signal has below a frequency, (n_samples,)."""
+    sos = signal.butter(2, min(2 * hz * dt, SPLIT_RATE), output="sos")
+    return np.asarray(signal.sosfiltfilt(sos, x))
+
+
 def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows that are quiet above and below 12 Hz."""
-    sos = signal.butter(2, min(2 * SPLIT_HZ * dt, SPLIT_RATE), output="sos")
-    low = signal.sosfiltfilt(sos, x)
+    low = _below(x, SPLIT_HZ, dt)
     good = np.ones(0, dtype=bool)
     for part in (low, x - low):
         energy, counts, width = windows(part**2, keep, dt)
