@@ -193,6 +193,17 @@ def test_one_direction_is_said_and_leaves_one_friction(twin, loop):
     assert found.shrink is not None and "offset" not in found.theta
 
 
+def test_where_one_of_two_records_moves_one_way_the_other_is_diagnosed_alone(twin, loop):
+    """On both the model would lack its offset: a gap of a healthy axis."""
+    back = moved(loop, twin, twin.q_ref[:, 0]).replace(name="back")
+    forth = moved(loop, twin, 0.01 * twin.t).replace(name="forth")
+    for record, holdout in ((back, forth), (forth, back)):
+        found = iv.diagnose(record, loop, holdout=holdout)
+        (text,) = [f.text for f in found.findings if "one direction only" in f.text]
+        assert text.startswith("forth: ") and "back is diagnosed alone" in text
+        assert found.verdict == "adequate" and "offset" in found.theta
+
+
 def test_one_direction_is_enough_for_a_model_without_offset(twin, loop):
     q_ref = 0.02 * twin.t + 0.004 * np.sin(np.pi * twin.t)
     record, model = moved(loop, twin, q_ref), loop.with_terms("inertia", "viscous", "coulomb")

@@ -1,6 +1,7 @@
-"""Backgrounds that no effect of the library is: forces that come again and have no name there.
+"""Backgrounds that no effect of the library is: forces that have no name there.
 
-Each is a force along the motion that the axis makes without it, which a stiff loop hardly leaves.
+Most come again: a force along the motion that the axis makes without it, which a stiff loop hardly
+leaves. Those of time alone do not: each record has its own.
 """
 
 from __future__ import annotations
@@ -101,7 +102,42 @@ def _hysteresis(rng: np.random.Generator) -> Force:
     return force
 
 
-#: Name to the draw of a force.
+def _weather(rng: np.random.Generator) -> Force:
+    """Return a slow force that nothing in the record explains: wind, a hose that moves."""
+    sos = signal.butter(2, 10.0 ** rng.uniform(-0.7, 0.5), fs=1.0 / DT, output="sos")
+
+    def force(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        lead = round(5.0 / DT)  # until it no longer knows that it began
+        return np.asarray(signal.sosfilt(sos, rng.normal(size=lead + len(q)))[lead:])
+
+    return force
+
+
+def _second_axis(rng: np.random.Generator) -> Force:
+    """Return the reaction of another axis, which accelerates and brakes on its own programme."""
+    least, share = rng.uniform(0.3, 1.0), rng.uniform(0.1, 0.5)  # s; of a move, to speed up
+
+    def force(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        total, start, way = np.zeros(len(q)), rng.uniform(0.0, least), 1.0
+        while (at := round(start / DT)) < len(q):
+            move = least * rng.uniform(1.0, 2.0)
+            ramp = round(share * move / DT)
+            total[at : at + ramp] += way
+            stop = at + round(move / DT)
+            total[stop - ramp : stop] -= way
+            start, way = start + move + least * rng.uniform(0.0, 2.0), -way
+        return total
+
+    return force
+
+
+def _hum(rng: np.random.Generator) -> Force:
+    """Return the force of a machine beside: a pump, a fan, of one speed."""
+    w = 2.0 * np.pi * 10.0 ** rng.uniform(0.5, 1.7)
+    return lambda q, v: np.sin(w * DT * np.arange(len(q)) + rng.uniform(0.0, 6.28))
+
+
+#: Name to the draw of a force; of these the last ones are of time alone.
 KINDS: dict[str, Draw] = {
     "smooth": lambda r: _smooth(r, r.uniform(0.5, 1.5), r.uniform(0.5, 1.5)),
     "curly": lambda r: _smooth(r, r.uniform(2.0, 6.0), r.uniform(0.5, 2.0)),
@@ -115,6 +151,9 @@ KINDS: dict[str, Draw] = {
     "gain": _gain,
     "swinging": _swinging,
     "hysteresis": _hysteresis,
+    "weather": _weather,
+    "second-axis": _second_axis,
+    "hum": _hum,
 }
 
 

@@ -143,7 +143,8 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         return refused(task.record, task.loop, (), [Finding(text + remedy), *parts])
     law = preflight.identified(task.record, task.loop)
     task, loop, note = _followed(task)
-    record, records, law = task.record, task.records, [*law, *note, *parts]
+    task, alone = _both_ways(task, loop)
+    record, records, law = task.record, task.records, [*law, *note, *alone, *parts]
     known = task.inspected
     inspected = _inspected(records, loop) if known is None else known.under(loop)
     checked, found = inspected.checked, list(inspected.found)
@@ -197,6 +198,26 @@ def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
 
     task = replace(task, record=record, holdout=other(task.holdout), judge=other(task.judge))
     return task, known, note
+
+
+def _both_ways(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:
+    """Return the task without a record that moves in one direction only, and what to say of that.
+
+    The model would lack on the other one what such a record cannot tell from Coulomb friction.
+    """
+    oneway = [preflight.one_way(r) for r in task.records]
+    lost = {*loop.names} - {*preflight.told_apart(task.records, loop).names}
+    if all(oneway) or not lost:
+        return task, []
+    at = oneway.index(True)
+    left, kept = task.records[at], task.records[1 - at]
+    links = [*task.links, *[None] * 3]
+    text = (
+        "the reference moves in one direction only: Coulomb friction and offset cannot be told "
+        f"apart, so {kept.name} is diagnosed alone; add the way back"
+    )
+    task = replace(task, record=kept, holdout=None, links=(links[1 - at], None, links[2]))
+    return task, preflight.named([Finding(text, fatal=False)], left)
 
 
 def _bounded(task: Task, samples: int) -> tuple[Task, list[Finding]]:
