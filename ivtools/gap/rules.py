@@ -93,6 +93,22 @@ LAW_ERROR = 0.2
 #: Relative parity error from which the record is asked for its own law (physics: a digital law
 #: repeats to rounding, and to 0.3 % where log and controller sample apart).
 PARITY_POOR = 0.02
+#: Share of a step that values are off its multiples at most, if a signal is rounded to it
+#: (numerics: digits of a log).
+ON_GRID = 0.05
+#: Lowest and highest cut-off of a filter that smooths a rounded reference, over half the sampling
+#: rate, and how many are tried (numerics).
+SMOOTHEST = (0.002, 0.9, 25)
+#: Most that the filter may change: the mean square over that of rounding, and steps in one sample
+#: (theory: rounding is off by half a step, 1 and 0.5; corners of a motion add a little).
+SMOOTHED = (1.44, 1.5)
+#: Share of the parity error with a rounded reference that is left with a smooth one, if the
+#: controller had that (judgement: where it had the rounded one, the error is larger with a smooth).
+REFERENCE_BETTER = 0.7
+#: Share of the force error with a late controller that is left with a command logged late, if that
+#: is what happened (30 fresh logs that are late leave 0.06 to 0.8, one 1.2 beside a late drive; the
+#: EMPS records, whose controller is early, 1.5 and 3.2).
+LOGGED_LATE = 0.9
 #: Share of the parity error's energy around one sample that points to a bad row (judgement).
 ONE_PLACE = 0.99
 #: Power that the record's own law may leave, of that of the declared one (judgement, not trained).

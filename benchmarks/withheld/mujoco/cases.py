@@ -250,6 +250,13 @@ def _gain(rng: np.random.Generator, a: Axis) -> dict[str, Any]:
     return {"force": lambda q, v, t, tau: -tau * size * np.sin(k * q) * np.cos(v / _speed(a))}
 
 
+def _beside(rng: np.random.Generator, a: Axis) -> dict[str, Any]:
+    """The reaction of a second axis that goes to and fro on its own, in step with the start."""
+    w, p = 2.0 * np.pi / rng.uniform(0.8, 4.0), rng.uniform(0.0, 6.28)
+    size = rng.uniform(0.08, 0.25) * a.force
+    return {"force": lambda q, v, t, tau: float(size * np.sin(w * t + p))}
+
+
 #: Backgrounds that no effect of the library is.
 UNKNOWN: dict[str, Draw] = {
     "smooth": _smooth,
@@ -259,6 +266,7 @@ UNKNOWN: dict[str, Draw] = {
     "creep": _creep,
     "pendulum": lambda r, a: {"pendulum": r.uniform(0.1, 0.4)},
     "gain": _gain,
+    "second-axis": _beside,
 }
 #: Settings that differ between the records, as factors of the second one's.
 CHANGED: dict[str, tuple[str, tuple[float, float]]] = {

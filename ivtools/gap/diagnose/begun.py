@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ...errors import IVToolsError
 from ...loop import ClosedLoop
@@ -21,7 +24,7 @@ from ..floor import Measured, Ready, audible, beside_silent, masked, measure, pr
 from ..fold import Link, Side
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import AUDIBLE, SATURATED, TOLERANCE, Rules
+from ..rules import AUDIBLE, LOGGED_LATE, SATURATED, TOLERANCE, Rules
 from .refused import refused
 
 
@@ -141,12 +144,16 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         text = "no reference is in the record, so no control law can be read from it; for the "
         remedy = 'force over the motion alone write [controller] kind = "none"'
         return refused(task.record, task.loop, (), [Finding(text + remedy), *parts])
+    task, rounded = _finer(task)
     law = preflight.identified(task.record, task.loop)
     task, loop, note = _followed(task)
     task, alone = _both_ways(task, loop)
-    record, records, law = task.record, task.records, [*law, *note, *alone, *parts]
-    known = task.inspected
-    inspected = _inspected(records, loop) if known is None else known.under(loop)
+    if task.inspected is None:
+        task, inspected, late = _on_time(task, loop, _inspected(task.records, loop))
+    else:
+        inspected, late = task.inspected.under(loop), []
+    record, records = task.record, task.records
+    law = [*rounded, *law, *note, *alone, *late, *parts]
     checked, found = inspected.checked, list(inspected.found)
     if task.judge is not None:
         found += [f for r in records for f in preflight.overlap(r, task.judge, "judge")]
@@ -187,6 +194,18 @@ def mute(text: str) -> None:
     """Show no progress."""
 
 
+def _finer(task: Task) -> tuple[Task, list[Finding]]:
+    """Return the task with references as the controller had them, and what to say."""
+    found = []
+    for role in ("record", "holdout", "judge"):
+        if (one := getattr(task, role)) is not None:
+            finer: Any
+            finer, said = preflight.finer(one, task.loop)
+            task = replace(task, **{role: finer})
+            found += preflight.named(said, one)
+    return task, found
+
+
 def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
     """Return the task with positions to follow, the loop that follows them, and what to say."""
     known = task.loop.known(task.record)
@@ -198,6 +217,39 @@ def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
 
     task = replace(task, record=record, holdout=other(task.holdout), judge=other(task.judge))
     return task, known, note
+
+
+def _on_time(
+    task: Task, loop: ClosedLoop, inspected: Inspected
+) -> tuple[Task, Inspected, list[Finding]]:
+    """Return the task with commands as they acted where the log has them late, and what to say.
+
+    A command that follows the position by other samples than the axis file says was given at
+    another time, or logged at another time: the simulated loop tells, for only the first turns its
+    phase. Joints of a robot have one log, and no loop of their own to tell by.
+    """
+    said: list[Finding] = []
+    if task.links or loop.controller.kind == "none" or any(f.fatal for f in inspected.found):
+        return task, inspected, said
+    given = dict(zip(("record", "holdout"), inspected.checked, strict=False))
+    if task.judge is not None:
+        given["judge"] = parity.check(task.judge, loop)
+    late = {r: preflight.lateness(getattr(task, r), p, loop) for r, p in given.items()}
+    for samples in {*late.values()} - {0}:
+        roles = [role for role in late if late[role] == samples]
+        ones = [getattr(task, role) for role in roles]
+        others: list[Any] = [preflight.earlier(one, samples) for one in ones]
+        checks = [*(given[role] for role in roles), *(parity.check(r, loop) for r in others)]
+        with suppress(IVToolsError):  # which the diagnosis will say
+            pairs = zip([*ones, *others], checks, strict=True)
+            ready = [prepared(r, p, task.records) for r, p in pairs]
+            left = [m.base.force_rms for m in threaded(measure, ready)]
+            errors = [float(np.linalg.norm(x)) for x in (left[: len(ones)], left[len(ones) :])]
+            if errors[1] < LOGGED_LATE * errors[0]:
+                task = replace(task, **dict(zip(roles, others, strict=True)))
+                text = preflight.late(samples, errors[1] / errors[0])
+                said += [f for one in ones for f in preflight.named([text], one)]
+    return task, _inspected(task.records, loop) if said else inspected, said
 
 
 def _both_ways(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:

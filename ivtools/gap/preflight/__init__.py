@@ -3,6 +3,7 @@
 findings     faults of the input; after a fatal one no later check is made
 plausible    units and signs that give themselves away
 pull         what the loop follows, and what holds it where nothing else does
+logged       what the log has made of signals: too few digits, a command that is late
 hanging      gravity where no control law is known
 """
 
@@ -18,6 +19,7 @@ from .findings import (
     told_apart,
 )
 from .hanging import Hanging, hanging
+from .logged import earlier, finer, late, lateness
 from .plausible import doubts
 from .pull import HELD, adrift, followed, lawless, pulled, rings
 
@@ -27,10 +29,14 @@ __all__ = [
     "Hanging",
     "adrift",
     "doubts",
+    "earlier",
+    "finer",
     "followed",
     "hanging",
     "identified",
     "inspect",
+    "late",
+    "lateness",
     "lawless",
     "named",
     "one_way",

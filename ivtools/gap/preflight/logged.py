@@ -1,0 +1,119 @@
+"""Logged: what a log has made of the signals that the controller had.
+
+A reference with fewer digits: a law that follows the speed differentiates it, and a step of the log
+becomes a speed of a step per sample that nobody asked for. A command some samples late or early.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from ...errors import IVToolsError
+from ...loop import ClosedLoop
+from ...record import Record
+from ...units import JOINTS, quantity
+from .. import parity
+from ..parity import Parity
+from ..rules import LAW_BETTER, ON_GRID, PARITY_POOR, REFERENCE_BETTER, SMOOTHED, SMOOTHEST
+from .findings import Finding
+
+Array = NDArray[np.float64]
+
+
+def finer(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
+    """Return a record with its reference before that was rounded, and what to say.
+
+    It is as it was where the controller had the rounded one, or it makes no difference.
+    """
+    if record.q_ref is None or loop.controller.kind == "none":
+        return record, []
+    step = grid(record.q_ref[:, 0])
+    if not step:
+        return record, []
+    other = record.replace(q_ref=smoothed(record.q_ref[:, 0], step))
+    before, after = (_law_error(r, loop) for r in (record, other))
+    if not after < REFERENCE_BETTER * before:
+        return record, []
+    text = (
+        f"q_ref is rounded to {quantity(step, JOINTS[loop.joint].length, 3)}, and the controller "
+        f"had a finer one: with it the law is off the command by {100 * before:.2g} %, with a "
+        f"smooth one, which is taken, by {100 * after:.2g} %; log more digits"
+    )
+    return other, [Finding(text, fatal=False)]
+
+
+def _law_error(record: Record, loop: ClosedLoop) -> float:
+    """Return the relative parity error, inf if there is no law."""
+    try:
+        return parity.check(record, loop.known(record)).after
+    except IVToolsError:
+        return float("inf")
+
+
+def grid(x: Array) -> float:
+    """Return the step of which all values of a signal, (n_samples,), are multiples; 0 if none."""
+    apart = np.diff(np.unique(x))
+    apart = apart[apart > 4.0 * np.spacing(np.max(np.abs(x)))]  # of two ways to write one number
+    if not len(apart):
+        return 0.0
+    step = float(np.min(apart))
+    steps = (x - x[0]) / step
+    return step if np.max(np.abs(steps - np.round(steps))) < ON_GRID else 0.0
+
+
+def smoothed(x: Array, step: float) -> Array:
+    """Return a rounded signal, (n_samples,), as smooth as its step allows.
+
+    By the lowest of the cut-offs, without delay, that leaves no more than rounding does: a
+    twelfth of a step's square.
+    """
+    for cutoff in np.geomspace(*SMOOTHEST):
+        sos = signal.butter(3, cutoff, output="sos")
+        y = signal.sosfiltfilt(sos, x, padlen=min(len(x) - 1, int(6.0 / cutoff)))
+        off = (y - x) / step
+        if 12.0 * np.mean(off**2) < SMOOTHED[0] and np.max(np.abs(off)) < SMOOTHED[1]:
+            return np.asarray(y)
+    return x
+
+
+def lateness(record: Record, checked: Parity, loop: ClosedLoop) -> int:
+    """Return by how many samples more than the axis file says the command follows the position.
+
+    Negative where it is ahead; ahead of the position no law can be, but a log can.
+    """
+    if checked.after > PARITY_POOR or checked.taken:
+        ahead = parity.check(earlier(record, -1), loop)
+        if ahead.delay == loop.controller.delay and ahead.after < LAW_BETTER * checked.after:
+            return -1 if not ahead.taken else 0
+    return 0 if checked.taken else checked.delay - loop.controller.delay
+
+
+def earlier(record: Record, samples: int) -> Record:
+    """Return a record whose command acted some samples before it was logged; later if negative."""
+    start, stop = max(-samples, 0), record.n_samples - max(samples, 0)
+    part, signals = record.slice(start, stop), {}
+    for name in ("nu", "tau"):
+        if (whole := getattr(record, name)) is not None:
+            signals[name] = whole[start + samples : stop + samples]
+    return part.replace(**signals)
+
+
+def late(samples: int, left: float) -> Finding:
+    """Return what to say of a command that was logged late, or early.
+
+    Parameters
+    ----------
+    samples : int
+        By which; early if negative.
+    left : float
+        Share of the base model's force error with a controller of that delay that is left.
+    """
+    count = f"{abs(samples)} sample" + "s" * (abs(samples) > 1)
+    text = (
+        f"the command is logged {count} {'after' if samples > 0 else 'before'} it acts: moved "
+        f"back, the base model leaves {100 * left:.2g} % of the force error that it leaves with a "
+        "controller of that delay"
+    )
+    return Finding(text, fatal=False)

@@ -1,0 +1,98 @@
+"""What a log has made of the signals: digits that are missing, a command that is late."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ivtools as iv
+from benchmarks import moves
+from ivtools.gap import preflight
+from ivtools.gap.preflight import logged
+from ivtools.loop import Controller
+
+BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
+SECONDS, STEP = 8.0, 2e-6
+
+
+def follows_speed():
+    """Return the axis under a law that differentiates its reference."""
+    loop = iv.axes.emps()
+    unit = BASE["inertia"] / loop.gain
+    settings = {"kp": 6000.0 * unit, "kd": 110.0 * unit}
+    return replace(loop, controller=Controller("pd", settings, limit=1e3))
+
+
+def pair(loop, **effects):
+    theta = dict(BASE)
+    for name, values in effects.items():
+        loop = loop.with_effect(name, **values)
+        theta |= {f"{name}.{k}": v for k, v in values.items()}
+    return [moves.record(loop, theta, SECONDS, seed) for seed in (1, 2)]
+
+
+def rounded(record):
+    return record.replace(q_ref=STEP * np.round(record.q_ref / STEP))
+
+
+def late(record, samples):
+    """Return a record whose log has the command that many samples late, or early."""
+    return record.replace(nu=np.roll(record.nu, samples, axis=0)).slice(9, record.n_samples - 9)
+
+
+def said(found, words):
+    return [f.text for f in found.findings if words in f.text]
+
+
+@pytest.mark.parametrize("step", [1.0, 2e-6, 2 * np.pi / 4096])
+def test_a_grid_is_found_whatever_its_unit_and_its_origin(step):
+    rng = np.random.default_rng(0)
+    x = 1e3 * step * np.cumsum(rng.normal(size=3000)) / 30.0
+    for origin in (0.0, 0.37 * step, 1e6 * step):
+        assert logged.grid(origin + step * np.round(x / step)) == pytest.approx(step, rel=1e-6)
+    assert logged.grid(x) == 0.0 and logged.grid(np.full(30, 1.3)) == 0.0
+
+
+def test_a_smooth_motion_comes_back_from_a_rounded_one():
+    t = np.arange(8000) * 1e-3
+    x = 0.1 * np.sin(2.0 * t) + 0.02 * np.sin(9.0 * t)
+    fine, coarse = (np.gradient(y, 1e-3) for y in (x, STEP * np.round(x / STEP)))
+    smooth = np.gradient(logged.smoothed(STEP * np.round(x / STEP), STEP), 1e-3)
+    assert np.std(smooth - fine) < 0.1 * np.std(coarse - fine)
+
+
+def test_a_rounded_reference_makes_no_gap_and_hides_no_effect():
+    loop = follows_speed()
+    for effects in ({}, {"asymmetric-viscous": {"delta": -40.0}}):
+        one, two = (rounded(r) for r in pair(loop, **effects))
+        found = iv.diagnose(one, loop, two)
+        assert found.effects == tuple(effects)
+        assert len(said(found, "q_ref is rounded to 2 µm")) == 2
+
+
+def test_a_reference_that_the_controller_had_rounded_stays():
+    loop = follows_speed()
+    motion = rounded(moves.record(loop, BASE, SECONDS, 1))
+    simulation = loop.simulate(motion, BASE)
+    record = motion.replace(q=simulation.q, nu=simulation.nu)
+    assert preflight.finer(record, loop) == (record, [])
+
+
+@pytest.mark.parametrize("samples", [2, -1])
+def test_a_command_that_is_logged_late_is_moved_back(samples):
+    loop = iv.axes.emps()
+    wave = {"cosine": 3.0, "sine": 1.0, "period": 0.004}
+    one, two = (late(r, samples) for r in pair(loop, cogging=wave))
+    found = iv.diagnose(one, loop, two)
+    assert found.effects == ("cogging",)
+    count = f"{abs(samples)} sample" + "s" * (abs(samples) > 1)
+    when = "after" if samples > 0 else "before"
+    assert len(said(found, f"is logged {count} {when} it acts")) == 2
+
+
+def test_a_controller_that_is_late_is_not_the_log():
+    loop = iv.axes.emps()
+    slow = replace(loop, controller=replace(loop.controller, delay=loop.controller.delay + 1))
+    one, two = pair(slow)
+    found = iv.diagnose(one, loop, two)
+    assert found.verdict == "adequate" and not said(found, "is logged")
