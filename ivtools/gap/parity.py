@@ -119,7 +119,7 @@ class Parity:
         return own | fed
 
 
-def check(record: Record, loop: ClosedLoop) -> Parity:
+def check(record: Record, loop: ClosedLoop, read: bool = True) -> Parity:
     """Compare the recorded command with the law fed with the measured position.
 
     Parameters
@@ -128,18 +128,20 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
         With a reference.
     loop : ClosedLoop
         Its controller is the one declared.
+    read : bool
+        Whether the record is asked for its own law where the declared one explains little.
 
     Returns
     -------
     Parity
     """
-    found = _checked(record, loop)
+    found = _checked(record, loop, read)
     extra = 0.0 if found.taken else found.mismatch.get("added", 0.0)
     if abs(extra) <= GROSS_GAIN:
         return found
     # of another size or sign, it hides where the law sits at its limit: as it acts, once more
     assert record.added is not None
-    again = _checked(replace(record, added=(1.0 + extra) * record.added), loop)
+    again = _checked(replace(record, added=(1.0 + extra) * record.added), loop, read)
     more = again.mismatch.get("added", 0.0)
     return replace(
         again,
@@ -149,7 +151,7 @@ def check(record: Record, loop: ClosedLoop) -> Parity:
     )
 
 
-def _checked(record: Record, loop: ClosedLoop) -> Parity:
+def _checked(record: Record, loop: ClosedLoop, read: bool) -> Parity:
     """Compare them, the added input being what was recorded."""
     signals = Signals(record, loop)
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
@@ -176,7 +178,8 @@ def _checked(record: Record, loop: ClosedLoop) -> Parity:
         at=_once(error, record.t),
     )
     limited = limit is not None and found.after**2 < LIMIT_LEAVES  # behind it the law is right
-    return found if limited or found.after <= PARITY_POOR else _read(found, signals, record, loop)
+    known = limited or found.after <= PARITY_POOR or not read
+    return found if known else _read(found, signals, record, loop)
 
 
 def _once(error: Array, t: Array) -> float | None:

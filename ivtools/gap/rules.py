@@ -105,6 +105,9 @@ SMOOTHED = (1.44, 1.5)
 #: Share of the parity error with a rounded reference that is left with a smooth one, if the
 #: controller had that (judgement: where it had the rounded one, the error is larger with a smooth).
 REFERENCE_BETTER = 0.7
+#: Samples by which a log is late that are tried where the law explains little as it is; the first,
+#: ahead of the position, where no law can be, wherever the command is not late (judgement).
+LATENESS = (-1, 1, 2)
 #: Share of the force error with a late controller that is left with a command logged late, if that
 #: is what happened (30 fresh logs that are late leave 0.06 to 0.8, one 1.2 beside a late drive; the
 #: EMPS records, whose controller is early, 1.5 and 3.2).

@@ -20,7 +20,7 @@ from .. import floor, parity, preflight, quantify
 from ..attribute import cost
 from ..diagnosis import Diagnosis
 from ..fit import Fit, common
-from ..floor import Measured, Ready, audible, beside_silent, masked, measure, prepared
+from ..floor import Measured, Ready, audible, beside_silent, fitted, masked, measure, prepared
 from ..fold import Link, Side
 from ..parity import Parity
 from ..preflight import Finding
@@ -149,7 +149,8 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     task, loop, note = _followed(task)
     task, alone = _both_ways(task, loop)
     if task.inspected is None:
-        task, inspected, late = _on_time(task, loop, _inspected(task.records, loop))
+        task, late = _on_time(task, loop)
+        inspected = _inspected(task.records, loop)
     else:
         inspected, late = task.inspected.under(loop), []
     record, records = task.record, task.records
@@ -219,9 +220,7 @@ def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
     return task, known, note
 
 
-def _on_time(
-    task: Task, loop: ClosedLoop, inspected: Inspected
-) -> tuple[Task, Inspected, list[Finding]]:
+def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:
     """Return the task with commands as they acted where the log has them late, and what to say.
 
     A command that follows the position by other samples than the axis file says was given at
@@ -229,27 +228,27 @@ def _on_time(
     phase. Joints of a robot have one log, and no loop of their own to tell by.
     """
     said: list[Finding] = []
-    if task.links or loop.controller.kind == "none" or any(f.fatal for f in inspected.found):
-        return task, inspected, said
-    given = dict(zip(("record", "holdout"), inspected.checked, strict=False))
-    if task.judge is not None:
-        given["judge"] = parity.check(task.judge, loop)
-    late = {r: preflight.lateness(getattr(task, r), p, loop) for r, p in given.items()}
-    for samples in {*late.values()} - {0}:
-        roles = [role for role in late if late[role] == samples]
-        ones = [getattr(task, role) for role in roles]
-        others: list[Any] = [preflight.earlier(one, samples) for one in ones]
-        checks = [*(given[role] for role in roles), *(parity.check(r, loop) for r in others)]
+    if task.links or loop.controller.kind == "none":
+        return task, said
+    roles = [r for r in ("record", "holdout", "judge") if getattr(task, r) is not None]
+    given: dict[str, Any] = {role: getattr(task, role) for role in roles}
+    late = threaded(lambda one: preflight.lateness(one, loop), given.values())
+    for samples in sorted({*late} - {0}):
+        ones = {r: given[r] for r, n in zip(roles, late, strict=True) if n == samples}
+        others: dict[str, Any] = {r: preflight.earlier(x, samples) for r, x in ones.items()}
         with suppress(IVToolsError):  # which the diagnosis will say
-            pairs = zip([*ones, *others], checks, strict=True)
-            ready = [prepared(r, p, task.records) for r, p in pairs]
-            left = [m.base.force_rms for m in threaded(measure, ready)]
-            errors = [float(np.linalg.norm(x)) for x in (left[: len(ones)], left[len(ones) :])]
-            if errors[1] < LOGGED_LATE * errors[0]:
-                task = replace(task, **dict(zip(roles, others, strict=True)))
-                text = preflight.late(samples, errors[1] / errors[0])
-                said += [f for one in ones for f in preflight.named([text], one)]
-    return task, _inspected(task.records, loop) if said else inspected, said
+            left = _left([*others.values()], loop, task) / _left([*ones.values()], loop, task)
+            if left < LOGGED_LATE:
+                task = replace(task, **others)
+                text = preflight.late(samples, left)
+                said += [f for one in ones.values() for f in preflight.named([text], one)]
+    return task, said
+
+
+def _left(records: Sequence[Record], loop: ClosedLoop, task: Task) -> float:
+    """Return what the base model leaves of the force of some records, rms of all."""
+    ready = [prepared(r, parity.check(r, loop, read=False), task.records) for r in records]
+    return float(np.linalg.norm([f.fit.force_rms for f in threaded(fitted, ready)]))
 
 
 def _both_ways(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:

@@ -7,7 +7,17 @@ measured    a record with its base model and floor, as it is judged, whole or in
 """
 
 from .floor import Floor, autoregression
-from .measured import Measured, Ready, audible, beside_silent, folds, masked, measure, prepared
+from .measured import (
+    Measured,
+    Ready,
+    audible,
+    beside_silent,
+    fitted,
+    folds,
+    masked,
+    measure,
+    prepared,
+)
 from .repeats import between
 
 __all__ = [
@@ -18,6 +28,7 @@ __all__ = [
     "autoregression",
     "beside_silent",
     "between",
+    "fitted",
     "folds",
     "masked",
     "measure",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from ..fit import Fit, gauss_newton, start, steps
 from ..fold import Fold, Link, Side, usable
 from ..library import Scales
 from ..parity import Parity
+from ..response import Response
 from ..rules import ADEQUATE, AGAIN, BEYOND, COMMON, MOST, PARITY_POOR, STRETCHES
 from . import floor
 from .floor import Floor
@@ -90,10 +91,25 @@ def prepared(record: Record, checked: Parity, records: Sequence[Record]) -> Read
     return Ready(*preflight.pulled(record, loop), checked, place, True, ramp)
 
 
-def measure(ready: Ready) -> Measured:
-    """Fit the base model, and learn the floor."""
-    logged, loop, checked, place, driven, ramp, link = ready
-    record = logged
+class Fitted(NamedTuple):
+    """The base model on a record whose noise is not known yet, and what it leaves, (n_samples,)."""
+
+    fit: Fit
+    left: Array
+    response: Response
+    scales: Scales
+    step: Mapping[str, float]
+
+
+def fitted(ready: Ready) -> Fitted:
+    """Fit the base model.
+
+    Raises
+    ------
+    EstimationError
+        If the loop is unstable when simulated with what the record shows.
+    """
+    record, loop, checked, place, driven, ramp, _ = ready
     if not driven and record.added is not None and "added" in checked.mismatch:
         record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
     scales = Scales(record, loop)
@@ -117,14 +133,22 @@ def measure(ready: Ready) -> Measured:
             "[drive] gain; a force of the position that the model lacks (spring, gravity) may be "
             "added to [model] terms"
         )
-    unknown = None if link is None or link.doubt is None else link.doubt.on(record)
+    return Fitted(fit, left, heard, scales, step)
+
+
+def measure(ready: Ready) -> Measured:
+    """Fit the base model, and learn the floor."""
+    fit, left, heard, scales, step = fitted(ready)
+    fold, loop, link = fit.fold, ready.loop, ready.link
+    unknown = None if link is None or link.doubt is None else link.doubt.on(fold.record)
     level = floor.measure(fit, heard, left, unknown)
     fold = replace(fold, whitener=level.whitener, link=link)
     if fold.doubt is None:  # else what is not known counts as noise
         fold = replace(fold, smooth=level.generic)
-    fit = gauss_newton(fold, loop, fit.values, free, step)
+    fit = gauss_newton(fold, loop, fit.values, fit.free, step)
     rough = float(np.mean(level.event_mask))
-    return Measured(Side(fold, heard, scales, rough), fit, level, checked, logged, driven)
+    side = Side(fold, heard, scales, rough)
+    return Measured(side, fit, level, ready.parity, ready.record, ready.driven)
 
 
 def audible(m: Measured, least: float) -> Measured:

@@ -15,8 +15,16 @@ from ...loop import ClosedLoop
 from ...record import Record
 from ...units import JOINTS, quantity
 from .. import parity
-from ..parity import Parity
-from ..rules import LAW_BETTER, ON_GRID, PARITY_POOR, REFERENCE_BETTER, SMOOTHED, SMOOTHEST
+from ..rules import (
+    LATENESS,
+    LAW_BETTER,
+    ON_GRID,
+    PARITY_POOR,
+    REFERENCE_BETTER,
+    ROUNDING,
+    SMOOTHED,
+    SMOOTHEST,
+)
 from .findings import Finding
 
 Array = NDArray[np.float64]
@@ -47,7 +55,7 @@ def finer(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
 def _law_error(record: Record, loop: ClosedLoop) -> float:
     """Return the relative parity error, inf if there is no law."""
     try:
-        return parity.check(record, loop.known(record)).after
+        return parity.check(record, loop.known(record), read=False).after
     except IVToolsError:
         return float("inf")
 
@@ -78,16 +86,20 @@ def smoothed(x: Array, step: float) -> Array:
     return x
 
 
-def lateness(record: Record, checked: Parity, loop: ClosedLoop) -> int:
+def lateness(record: Record, loop: ClosedLoop) -> int:
     """Return by how many samples more than the axis file says the command follows the position.
 
-    Negative where it is ahead; ahead of the position no law can be, but a log can.
+    Negative where it is ahead; ahead of the position no law can be, but a log can. 0 where the law
+    explains little at any time.
     """
-    if checked.after > PARITY_POOR or checked.taken:
-        ahead = parity.check(earlier(record, -1), loop)
-        if ahead.delay == loop.controller.delay and ahead.after < LAW_BETTER * checked.after:
-            return -1 if not ahead.taken else 0
-    return 0 if checked.taken else checked.delay - loop.controller.delay
+    given = parity.check(record, loop, read=False)
+    poor = given.after > PARITY_POOR
+    ahead = given.delay == 0 and given.after > ROUNDING
+    for samples in LATENESS if poor else LATENESS[:1] if ahead else ():
+        other = parity.check(earlier(record, samples), loop, read=False)
+        if other.after < LAW_BETTER * given.after and other.delay == loop.controller.delay:
+            return samples
+    return 0 if poor else given.delay - loop.controller.delay
 
 
 def earlier(record: Record, samples: int) -> Record:
