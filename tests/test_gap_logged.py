@@ -7,7 +7,7 @@ import pytest
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap import preflight
+from ivtools.gap import parity, preflight
 from ivtools.gap.preflight import logged
 from ivtools.loop import Controller
 
@@ -96,3 +96,29 @@ def test_a_controller_that_is_late_is_not_the_log():
     one, two = pair(slow)
     found = iv.diagnose(one, loop, two)
     assert found.verdict == "adequate" and not said(found, "is logged")
+
+
+def test_a_log_of_every_second_sample_is_no_fault_of_the_controller():
+    """At its rate other settings of the law come nearer; between its samples those of the file."""
+    loop = iv.axes.emps()
+    effects = {"cogging": {"cosine": 3.0, "sine": 1.0, "period": 0.004}}
+    one, two = (
+        iv.Record.from_dict({k: x[::2] for k, x in every(r).items()}, name=r.name)
+        for r in pair(loop, **effects)
+    )
+    found = iv.diagnose(one, loop, two)
+    assert "controller-mismatch" not in found.effects
+    assert len(said(found, "takes 2 samples for each of the log")) == 2
+
+
+def test_gains_that_are_wrong_are_no_matter_of_the_rate():
+    loop = iv.axes.emps()
+    record = pair(loop)[0]
+    gains = {**loop.controller.settings, "kv": 1.04 * loop.controller.settings["kv"]}
+    wrong = replace(loop, controller=replace(loop.controller, settings=gains))
+    found = parity.check(record, wrong)
+    assert found.apart == 1 and found.found == pytest.approx({"kv": 1 / 1.04 - 1}, rel=1e-3)
+
+
+def every(record):
+    return {"t": record.t, **{k: x[:, 0] for k, x in record.signals.items()}}

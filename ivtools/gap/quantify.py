@@ -225,7 +225,8 @@ def how_far(
     after = _judged(_tuned(measured, result), measured, fold)
     before = replace(plain, fold=replace(plain.fold, keep=fold.keep))
     parity = measured[-1].parity
-    same = not parity.found and parity.delay == plain.loop.controller.delay
+    right = not (parity.mismatch or parity.taken)
+    same = right and parity.delay == plain.loop.controller.delay
     if not named and (same or after.force_rms > before.force_rms):
         after = before
     still = replace(after, values=_handed_over(result.fits[0], after))

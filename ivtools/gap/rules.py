@@ -112,6 +112,8 @@ LATENESS = (-1, 1, 2)
 #: is what happened (30 fresh logs that are late leave 0.06 to 0.8, one 1.2 beside a late drive; the
 #: EMPS records, whose controller is early, 1.5 and 3.2).
 LOGGED_LATE = 0.9
+#: Samples of the controller per sample of a log that are tried (judgement).
+FASTER = (2, 4, 5, 10)
 #: Share of the parity error's energy around one sample that points to a bad row (judgement).
 ONE_PLACE = 0.99
 #: Power that the record's own law may leave, of that of the declared one (judgement, not trained).

@@ -296,6 +296,8 @@ def _bounded(task: Task, samples: int) -> tuple[Task, list[Finding]]:
 def _inspected(records: Sequence[Record], loop: ClosedLoop) -> Inspected:
     """Return what is wrong with the records, or worth a word, by the record's name."""
     checked = tuple(threaded(parity.check, records, [loop] * len(records)))
+    apart = max(p.apart for p in checked)  # one log tells it where the other one has much noise
+    checked = tuple(replace(p, apart=apart) for p in checked)
     seen = threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
     if len(records) == 1:
         return Inspected(checked, tuple(seen[0]))

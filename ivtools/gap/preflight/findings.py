@@ -211,6 +211,13 @@ def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]
 
 def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     """Say which law the record shows; only a unit, a sign, or a command without law is fatal."""
+    if parity.apart > 1:
+        text = (
+            f"the controller takes {parity.apart} samples for each of the log: between them the "
+            "settings of the axis file explain the command, at them only others come near, which "
+            "the diagnosis goes on with: its force error is too large; log every sample"
+        )
+        return [Finding(text, fatal=False)]
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > GROSS_GAIN}
     if parity.trustworthy and not gross and not parity.taken:
         return []

@@ -93,6 +93,8 @@ def lateness(record: Record, loop: ClosedLoop) -> int:
     explains little at any time.
     """
     given = parity.check(record, loop, read=False)
+    if given.apart > 1:
+        return 0
     poor = given.after > PARITY_POOR
     ahead = given.delay == 0 and given.after > ROUNDING
     for samples in LATENESS if poor else LATENESS[:1] if ahead else ():
