@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from . import axes, backgrounds, disturbances, motions, unknowns
+from . import axes, backgrounds, disturbances, logs, motions, unknowns
 from .axes import DT, Axis
 from .effects import EFFECTS, SIZE, Values
 from .experiments import Experiment, least, off_limit, play, record, visible
@@ -115,7 +115,10 @@ def _attempt(task: Task, rng: np.random.Generator) -> Case | None:
         if mark["size"] < _BURST:
             return None
         label["burst"] = mark
-    return _played(axis, values, full, steady, label)
+    case = _played(axis, values, full, steady, label)
+    if case is None or task.suite != "logs":
+        return case
+    return replace(case, records=tuple(logs.KINDS[task.detail[0]](r) for r in case.records))
 
 
 def _noisy(rng: np.random.Generator, axis: Axis, ref: np.ndarray, added: np.ndarray) -> Experiment:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from . import backgrounds, unknowns
+from . import backgrounds, logs, unknowns
 from .axes import LAWS
 from .disturbances import BURSTS
 from .effects import AT_CONTROLLER, EFFECTS, SIZE, twins
@@ -40,7 +40,7 @@ class Task:
     effects : tuple of str
     detail : tuple of str
         Of a background: its kind and model, or its kind if it has no name; of a burst: its shape;
-        of a small effect: its level; of a controller: its kind.
+        of a small effect: its level; of a controller: its kind; of a log: what became of it.
     """
 
     suite: str
@@ -137,6 +137,15 @@ def _controllers(seeds: range) -> Iterator[Task]:
             yield from (Task("controllers", s, (e,), (kind,)) for e in behind)
 
 
+def _logs(seeds: range) -> Iterator[Task]:
+    """Everything that a log may have made of its signals, with an effect in turn, and without."""
+    kinds = list(logs.KINDS)
+    for s in seeds:
+        yield from (Task("logs", s, (), (kind,)) for kind in kinds)
+        for i, e in enumerate(EFFECTS):
+            yield Task("logs", s, (e,), (kinds[(i + s) % len(kinds)],))
+
+
 #: Suite to its tasks for a range of seeds.
 SUITES: dict[str, Callable[[range], Iterator[Task]]] = {
     "single": _single,
@@ -149,6 +158,7 @@ SUITES: dict[str, Callable[[range], Iterator[Task]]] = {
     "bursts": _bursts,
     "small": _small,
     "controllers": _controllers,
+    "logs": _logs,
 }
 #: Suites whose true held-out figures are measured.
 MEASURED = ("single", "none", "two", "background", "clear")
@@ -166,4 +176,5 @@ FULL = {
     "bursts": 6,
     "small": 3,
     "controllers": 2,
+    "logs": 3,
 }
