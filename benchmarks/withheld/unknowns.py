@@ -137,7 +137,7 @@ def _hum(rng: np.random.Generator) -> Force:
     return lambda q, v: np.sin(w * DT * np.arange(len(q)) + rng.uniform(0.0, 6.28))
 
 
-#: Name to the draw of a force; of these the last ones are of time alone.
+#: Name to the draw of a force.
 KINDS: dict[str, Draw] = {
     "smooth": lambda r: _smooth(r, r.uniform(0.5, 1.5), r.uniform(0.5, 1.5)),
     "curly": lambda r: _smooth(r, r.uniform(2.0, 6.0), r.uniform(0.5, 2.0)),
@@ -155,6 +155,8 @@ KINDS: dict[str, Draw] = {
     "second-axis": _second_axis,
     "hum": _hum,
 }
+#: Those of time alone.
+OF_TIME = ("weather", "second-axis", "hum")
 
 
 def draw(rng: np.random.Generator, kind: str, paths: list[np.ndarray]) -> list[np.ndarray]:

@@ -99,9 +99,11 @@ ON_GRID = 0.05
 #: Lowest and highest cut-off of a filter that smooths a rounded reference, over half the sampling
 #: rate, and how many are tried (numerics).
 SMOOTHEST = (0.002, 0.9, 25)
-#: Most that the filter may change: the mean square over that of rounding, and steps in one sample
-#: (theory: rounding is off by half a step, 1 and 0.5; corners of a motion add a little).
-SMOOTHED = (1.44, 1.5)
+#: What is added at either end before that, over the cut-off (numerics: until the ends are settled).
+EDGES = 6.0
+#: Most that the filter may change, in steps: their mean square, and in one sample (theory: rounding
+#: makes a twelfth and a half; corners of a motion add a little).
+SMOOTHED = (0.12, 1.5)
 #: Share of the parity error with a rounded reference that is left with a smooth one, if the
 #: controller had that (judgement: where it had the rounded one, the error is larger with a smooth).
 REFERENCE_BETTER = 0.7

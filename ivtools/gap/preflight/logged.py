@@ -16,6 +16,7 @@ from ...record import Record
 from ...units import JOINTS, quantity
 from .. import parity
 from ..rules import (
+    EDGES,
     LATENESS,
     LAW_BETTER,
     ON_GRID,
@@ -25,7 +26,7 @@ from ..rules import (
     SMOOTHED,
     SMOOTHEST,
 )
-from .findings import Finding
+from .findings import Finding, inspect
 
 Array = NDArray[np.float64]
 
@@ -63,7 +64,7 @@ def _law_error(record: Record, loop: ClosedLoop) -> float:
 def grid(x: Array) -> float:
     """Return the step of which all values of a signal, (n_samples,), are multiples; 0 if none."""
     apart = np.diff(np.unique(x))
-    apart = apart[apart > 4.0 * np.spacing(np.max(np.abs(x)))]  # of two ways to write one number
+    apart = apart[apart > 2.0 * np.spacing(np.max(np.abs(x)))]  # of two ways to write one number
     if not len(apart):
         return 0.0
     step = float(np.min(apart))
@@ -79,9 +80,9 @@ def smoothed(x: Array, step: float) -> Array:
     """
     for cutoff in np.geomspace(*SMOOTHEST):
         sos = signal.butter(3, cutoff, output="sos")
-        y = signal.sosfiltfilt(sos, x, padlen=min(len(x) - 1, int(6.0 / cutoff)))
+        y = signal.sosfiltfilt(sos, x, padlen=min(len(x) - 1, int(EDGES / cutoff)))
         off = (y - x) / step
-        if 12.0 * np.mean(off**2) < SMOOTHED[0] and np.max(np.abs(off)) < SMOOTHED[1]:
+        if np.mean(off**2) < SMOOTHED[0] and np.max(np.abs(off)) < SMOOTHED[1]:
             return np.asarray(y)
     return x
 
@@ -90,18 +91,22 @@ def lateness(record: Record, loop: ClosedLoop) -> int:
     """Return by how many samples more than the axis file says the command follows the position.
 
     Negative where it is ahead; ahead of the position no law can be, but a log can. 0 where the law
-    explains little at any time.
+    explains little at any time, or the record could not be judged with its command moved back.
     """
-    given = parity.check(record, loop, read=False)
+    given, declared = parity.check(record, loop, read=False), loop.controller.delay
     if given.apart > 1:
         return 0
     poor = given.after > PARITY_POOR
     ahead = given.delay == 0 and given.after > ROUNDING
-    for samples in LATENESS if poor else LATENESS[:1] if ahead else ():
-        other = parity.check(earlier(record, samples), loop, read=False)
-        if other.after < LAW_BETTER * given.after and other.delay == loop.controller.delay:
-            return samples
-    return 0 if poor else given.delay - loop.controller.delay
+    tried = LATENESS if poor else LATENESS[:1] if ahead else ()
+    shown = () if poor or given.delay == declared else (given.delay - declared,)
+    for samples in (*tried, *shown):
+        other = earlier(record, samples)
+        found = parity.check(other, loop, read=False)
+        better = samples not in tried or found.after < LAW_BETTER * given.after
+        if better and found.delay == declared:
+            return 0 if any(f.fatal for f in inspect(other, loop, found)) else samples
+    return 0
 
 
 def earlier(record: Record, samples: int) -> Record:
