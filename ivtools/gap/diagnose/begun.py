@@ -180,8 +180,9 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         measured = tuple(replace(m, floor=replace(m.floor, between=level)) for m in measured)
     if any(f.fatal for f in found):
         return refused(record, loop, checked, [*found, *law])
-    if any(p.clipped > SATURATED for p in checked):
-        rules = replace(rules, most=0)  # too often at its limit: it tells nothing of what is behind
+    if any(p.clipped > SATURATED or p.apart > 1 for p in checked):
+        # too often at its limit, or simulated at another rate: the gap tells nothing of the axis
+        rules = replace(rules, most=0)
     least = AUDIBLE * fine / 100.0
     measured = tuple(audible(m, least) for m in measured)
     if len(records) == 2:

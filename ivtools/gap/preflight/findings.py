@@ -214,8 +214,8 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     if parity.apart > 1:
         text = (
             f"the controller takes {parity.apart} samples for each of the log: between them the "
-            "settings of the axis file explain the command, at them only others come near, which "
-            "the diagnosis goes on with: its force error is too large; log every sample"
+            "settings of the axis file explain the command, at them only others come near; so "
+            "simulated the force error is too large, and no effect is named: log every sample"
         )
         return [Finding(text, fatal=False)]
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > GROSS_GAIN}
