@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,6 @@ from .rules import (
 )
 
 Array = NDArray[np.float64]
-COMMANDS = ("nu", "tau", "added")  # they jump
 
 
 @dataclass(frozen=True)
@@ -145,16 +145,13 @@ def check(record: Record, loop: ClosedLoop, read: bool = True) -> Parity:
     -------
     Parity
     """
-    found = _checked(record, loop, read=False)
-    found = replace(found, apart=_apart(record, loop, found))
-    if read and found.apart == 1 and found.after > PARITY_POOR:
-        found = _checked(record, loop, read)
+    found = _compared(record, loop, read)
     extra = 0.0 if found.taken else found.mismatch.get("added", 0.0)
     if abs(extra) <= GROSS_GAIN:
         return found
     # of another size or sign, it hides where the law sits at its limit: as it acts, once more
     assert record.added is not None
-    again = _checked(replace(record, added=(1.0 + extra) * record.added), loop, read)
+    again = _compared(replace(record, added=(1.0 + extra) * record.added), loop, read)
     more = again.mismatch.get("added", 0.0)
     return replace(
         again,
@@ -164,8 +161,17 @@ def check(record: Record, loop: ClosedLoop, read: bool = True) -> Parity:
     )
 
 
-def _checked(record: Record, loop: ClosedLoop, read: bool) -> Parity:
-    """Compare them, the added input being what was recorded."""
+def _compared(record: Record, loop: ClosedLoop, read: bool) -> Parity:
+    """Compare them, the added input being what was recorded; read another law if that is asked."""
+    found, signals = _checked(record, loop)
+    found = replace(found, apart=_apart(record, loop, found))
+    limited = found.limit is not None and found.after**2 < LIMIT_LEAVES  # behind it it is right
+    known = not read or limited or found.apart > 1 or found.after <= PARITY_POOR
+    return found if known else _read(found, signals, record, loop)
+
+
+def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
+    """Return how the declared law compares, and the signals, which know their limit."""
     signals = Signals(record, loop)
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
     signals, limit, at_limit = _limit(signals, loop.controller)
@@ -190,9 +196,7 @@ def _checked(record: Record, loop: ClosedLoop, read: bool) -> Parity:
         declared=loop.controller,
         at=_once(error, record.t),
     )
-    limited = limit is not None and found.after**2 < LIMIT_LEAVES  # behind it the law is right
-    known = limited or found.after <= PARITY_POOR or not read
-    return found if known else _read(found, signals, record, loop)
+    return found, signals
 
 
 def _apart(record: Record, loop: ClosedLoop, found: Parity) -> int:
@@ -206,12 +210,12 @@ def _apart(record: Record, loop: ClosedLoop, found: Parity) -> int:
         return 1
     for count in FASTER:
         fine = Signals(interpolated(record, count), loop)
-        one = _checked(fine.record, loop, read=False)
         there = slice(count * PARITY_HEAD, None, count)  # the others are not in the log
         error = fine.error(loop.controller, declared, 0.0)[there]
-        left = float(np.linalg.norm(error) / np.linalg.norm(fine.command[there]))
-        if not one.mismatch and one.delay == declared and left < found.after:
-            return count
+        if np.linalg.norm(error) < found.after * np.linalg.norm(fine.command[there]):
+            one, _ = _checked(fine.record, loop)
+            if not one.mismatch and one.delay == declared:
+                return count
     return 1
 
 
@@ -219,22 +223,18 @@ def interpolated(record: Record, count: int) -> Record:
     """Return a record with so many samples for each; an added input is held between them."""
     there = np.arange(record.n_samples)
     at = np.arange(count * (record.n_samples - 1) + 1) / count
-
-    def straight(x: Array) -> Array:
-        return np.column_stack([np.interp(at, there, column) for column in x.T])
-
-    def between(name: str, x: Array) -> Array:
-        if name not in COMMANDS:
-            return np.asarray(interpolate.make_interp_spline(there, x, k=3)(at))
-        if record.added is None or name == "tau":
-            return straight(x)
-        held = record.added[np.floor(at + ROUNDING).astype(int)]
-        return held + straight(x - record.added)  # nothing of itself, for `added`
-
-    signals = {name: between(name, x) for name, x in record.signals.items()}
+    rows = np.floor(at + ROUNDING).astype(int)
+    added = np.zeros_like(record.q) if record.added is None else record.added
+    signals: dict[str, Any] = {} if record.added is None else {"added": added[rows]}
+    for name, x in record.signals.items():
+        if name in ("nu", "tau"):  # which jump where the added input does
+            own = x - added if name == "nu" else x
+            straight = interpolate.make_interp_spline(there, own, k=1)(at)
+            signals[name] = straight + added[rows] if name == "nu" else straight
+        elif name != "added":
+            signals[name] = interpolate.make_interp_spline(there, x, k=3)(at)
     extra = {name: np.interp(at, there, x) for name, x in record.extra.items()}
-    t = record.t[0] + record.dt * at
-    return Record(t, extra=extra, name=record.name, **signals)  # type: ignore[arg-type]
+    return Record(record.t[0] + record.dt * at, extra=extra, name=record.name, **signals)
 
 
 def _once(error: Array, t: Array) -> float | None:

@@ -87,6 +87,16 @@ class Task:
         """The record, and the holdout if there is one."""
         return (self.record,) if self.holdout is None else (self.record, self.holdout)
 
+    def with_records(self, changed: Mapping[str, Any]) -> Task:
+        """Return it with other records, by the names of their attributes."""
+        return replace(self, **changed)
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Every record that there is, by the name of its attribute."""
+        named = {"record": self.record, "holdout": self.holdout, "judge": self.judge}
+        return {role: one for role, one in named.items() if one is not None}
+
 
 @dataclass(frozen=True, eq=False)
 class Begun:
@@ -199,26 +209,19 @@ def mute(text: str) -> None:
 def _finer(task: Task) -> tuple[Task, list[Finding]]:
     """Return the task with references as the controller had them, and what to say."""
     found = []
-    for role in ("record", "holdout", "judge"):
-        if (one := getattr(task, role)) is not None:
-            finer: Any
-            finer, said = preflight.finer(one, task.loop)
-            task = replace(task, **{role: finer})
-            found += preflight.named(said, one)
+    for role, one in task.given.items():
+        finer, said = preflight.finer(one, task.loop)
+        found += preflight.named(said, one)
+        task = task.with_records({role: finer})
     return task, found
 
 
 def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
     """Return the task with positions to follow, the loop that follows them, and what to say."""
     known = task.loop.known(task.record)
-    record, note = preflight.followed(task.record, known)
-
-    def other(one: Record | None) -> Record | None:
-        """Return another record with a position to follow."""
-        return None if one is None else preflight.followed(one, known)[0]
-
-    task = replace(task, record=record, holdout=other(task.holdout), judge=other(task.judge))
-    return task, known, note
+    followed = {role: preflight.followed(one, known) for role, one in task.given.items()}
+    note = followed["record"][1]
+    return task.with_records({role: one for role, (one, _) in followed.items()}), known, note
 
 
 def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:
@@ -231,24 +234,28 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:
     said: list[Finding] = []
     if task.links or loop.controller.kind == "none":
         return task, said
-    roles = [r for r in ("record", "holdout", "judge") if getattr(task, r) is not None]
-    given: dict[str, Any] = {role: getattr(task, role) for role in roles}
-    late = threaded(lambda one: preflight.lateness(one, loop), given.values())
+    roles, given = zip(*task.given.items(), strict=True)
+    checked = threaded(lambda one: parity.check(one, loop, read=False), given)
+    late = threaded(preflight.lateness, given, [loop] * len(given), checked)
     for samples in sorted({*late} - {0}):
-        ones = {r: given[r] for r, n in zip(roles, late, strict=True) if n == samples}
-        others: dict[str, Any] = {r: preflight.earlier(x, samples) for r, x in ones.items()}
+        at = [k for k, n in enumerate(late) if n == samples]
+        ones = [(given[k], checked[k]) for k in at]
+        others = [preflight.earlier(one, samples) for one, _ in ones]
+        moved = [(one, parity.check(one, loop, read=False)) for one in others]
+        if any(f.fatal for one, p in moved for f in preflight.inspect(one, loop, p)):
+            continue
         with suppress(IVToolsError):  # which the diagnosis will say
-            left = _left([*others.values()], loop, task) / _left([*ones.values()], loop, task)
+            left = _left(moved, task.records) / _left(ones, task.records)
             if left < LOGGED_LATE:
-                task = replace(task, **others)
+                task = task.with_records({roles[k]: r for k, r in zip(at, others, strict=True)})
                 text = preflight.late(samples, left)
-                said += [f for one in ones.values() for f in preflight.named([text], one)]
+                said += [f for one, _ in ones for f in preflight.named([text], one)]
     return task, said
 
 
-def _left(records: Sequence[Record], loop: ClosedLoop, task: Task) -> float:
+def _left(compared: Sequence[tuple[Record, Parity]], records: Sequence[Record]) -> float:
     """Return what the base model leaves of the force of some records, rms of all."""
-    ready = [prepared(r, parity.check(r, loop, read=False), task.records) for r in records]
+    ready = [prepared(one, checked, records) for one, checked in compared]
     return float(np.linalg.norm([f.fit.force_rms for f in threaded(fitted, ready)]))
 
 
@@ -264,21 +271,15 @@ def _both_ways(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:
     at = oneway.index(True)
     left, kept = task.records[at], task.records[1 - at]
     links = [*task.links, *[None] * 3]
-    text = (
-        "the reference moves in one direction only: Coulomb friction and offset cannot be told "
-        f"apart, so {kept.name} is diagnosed alone; add the way back"
-    )
+    said = preflight.only_one_way(f", so {kept.name} is diagnosed alone")
     task = replace(task, record=kept, holdout=None, links=(links[1 - at], None, links[2]))
-    return task, preflight.named([Finding(text, fatal=False)], left)
+    return task, preflight.named([said], left)
 
 
 def _bounded(task: Task, samples: int) -> tuple[Task, list[Finding]]:
     """Return the task with one stretch of each record, not too long, and what to say of that."""
     told = []
-    for name in ("record", "holdout", "judge"):
-        one = getattr(task, name)
-        if one is None:
-            continue
+    for role, one in task.given.items():
         if one.breaks:
             told.append(
                 f"{one.name} has {len(one.parts)} stretches: the longest, "
@@ -290,7 +291,7 @@ def _bounded(task: Task, samples: int) -> tuple[Task, list[Finding]]:
                 f"{one.name} has {one.longest.n_samples} samples: the {part.n_samples} in which "
                 f"it moves most, from {part.t[0]:.6g} to {part.t[-1]:.6g} s, are diagnosed"
             )
-        task = replace(task, **{name: part})
+        task = task.with_records({role: part})
     return task, [Finding(line, fatal=False) for line in told]
 
 

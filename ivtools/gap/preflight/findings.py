@@ -167,9 +167,13 @@ def _direction(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
     if not one_way(record):
         return []
     both = "offset" in loop.names or "viscous_pos" in loop.names
+    return [only_one_way(" and count as one here" if both else "")]
+
+
+def only_one_way(then: str) -> Finding:
+    """Return what to say of a record that moves in one direction only, and what follows."""
     text = "the reference moves in one direction only: Coulomb friction and offset cannot be told "
-    rest = "apart and count as one here" if both else "apart"
-    return [Finding(f"{text}{rest}; add the way back", fatal=False)]
+    return Finding(f"{text}apart{then}; add the way back", fatal=False)
 
 
 def one_way(record: Record) -> bool:

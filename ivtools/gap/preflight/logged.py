@@ -15,6 +15,7 @@ from ...loop import ClosedLoop
 from ...record import Record
 from ...units import JOINTS, quantity
 from .. import parity
+from ..parity import Parity
 from ..rules import (
     EDGES,
     LATENESS,
@@ -26,7 +27,7 @@ from ..rules import (
     SMOOTHED,
     SMOOTHEST,
 )
-from .findings import Finding, inspect
+from .findings import Finding
 
 Array = NDArray[np.float64]
 
@@ -87,26 +88,21 @@ def smoothed(x: Array, step: float) -> Array:
     return x
 
 
-def lateness(record: Record, loop: ClosedLoop) -> int:
+def lateness(record: Record, loop: ClosedLoop, checked: Parity) -> int:
     """Return by how many samples more than the axis file says the command follows the position.
 
     Negative where it is ahead; ahead of the position no law can be, but a log can. 0 where the law
-    explains little at any time, or the record could not be judged with its command moved back.
+    explains little at any time.
     """
-    given, declared = parity.check(record, loop, read=False), loop.controller.delay
-    if given.apart > 1:
+    if checked.apart > 1:
         return 0
-    poor = given.after > PARITY_POOR
-    ahead = given.delay == 0 and given.after > ROUNDING
-    tried = LATENESS if poor else LATENESS[:1] if ahead else ()
-    shown = () if poor or given.delay == declared else (given.delay - declared,)
-    for samples in (*tried, *shown):
-        other = earlier(record, samples)
-        found = parity.check(other, loop, read=False)
-        better = samples not in tried or found.after < LAW_BETTER * given.after
-        if better and found.delay == declared:
-            return 0 if any(f.fatal for f in inspect(other, loop, found)) else samples
-    return 0
+    poor = checked.after > PARITY_POOR
+    ahead = checked.delay == 0 and checked.after > ROUNDING
+    for samples in LATENESS if poor else LATENESS[:1] if ahead else ():
+        other = parity.check(earlier(record, samples), loop, read=False)
+        if other.after < LAW_BETTER * checked.after and other.delay == loop.controller.delay:
+            return samples
+    return 0 if poor else checked.delay - loop.controller.delay
 
 
 def earlier(record: Record, samples: int) -> Record:
