@@ -24,7 +24,7 @@ from ..floor import Measured, Ready, audible, beside_silent, fitted, masked, mea
 from ..fold import Link, Side
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import AUDIBLE, LOGGED_LATE, SATURATED, TOLERANCE, Rules
+from ..rules import AUDIBLE, LOGGED_LATE, PARITY_POOR, SATURATED, TOLERANCE, Rules
 from .refused import refused
 
 
@@ -159,8 +159,8 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     task, loop, note = _followed(task)
     task, alone = _both_ways(task, loop)
     if task.inspected is None:
-        task, late = _on_time(task, loop)
-        inspected = _inspected(task.records, loop)
+        task, compared, late = _on_time(task, loop)
+        inspected = _inspected(task.records, loop, compared)
     else:
         inspected, late = task.inspected.under(loop), []
     record, records = task.record, task.records
@@ -224,18 +224,20 @@ def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
     return task.with_records({role: one for role, (one, _) in followed.items()}), known, note
 
 
-def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:
+def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Finding]]:
     """Return the task with commands as they acted where the log has them late, and what to say.
+
+    Between them how the declared law compares with each record.
 
     A command that follows the position by other samples than the axis file says was given at
     another time, or logged at another time: the simulated loop tells, for only the first turns its
     phase. Joints of a robot have one log, and no loop of their own to tell by.
     """
     said: list[Finding] = []
-    if task.links or loop.controller.kind == "none":
-        return task, said
     roles, given = zip(*task.given.items(), strict=True)
     checked = threaded(lambda one: parity.check(one, loop, read=False), given)
+    if task.links or loop.controller.kind == "none":
+        return task, checked, said
     late = threaded(preflight.lateness, given, [loop] * len(given), checked)
     for samples in sorted({*late} - {0}):
         at = [k for k, n in enumerate(late) if n == samples]
@@ -248,9 +250,11 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:
             left = _left(moved, task.records) / _left(ones, task.records)
             if left < LOGGED_LATE:
                 task = task.with_records({roles[k]: r for k, r in zip(at, others, strict=True)})
+                for k, (_, p) in zip(at, moved, strict=True):
+                    checked[k] = p
                 text = preflight.late(samples, left)
                 said += [f for one, _ in ones for f in preflight.named([text], one)]
-    return task, said
+    return task, checked, said
 
 
 def _left(compared: Sequence[tuple[Record, Parity]], records: Sequence[Record]) -> float:
@@ -295,9 +299,16 @@ def _bounded(task: Task, samples: int) -> tuple[Task, list[Finding]]:
     return task, [Finding(line, fatal=False) for line in told]
 
 
-def _inspected(records: Sequence[Record], loop: ClosedLoop) -> Inspected:
+def _inspected(
+    records: Sequence[Record], loop: ClosedLoop, compared: Sequence[Parity]
+) -> Inspected:
     """Return what is wrong with the records, or worth a word, by the record's name."""
-    checked = tuple(threaded(parity.check, records, [loop] * len(records)))
+
+    def known(record: Record, p: Parity) -> Parity:
+        """Ask the record for its own law where the declared one explains little."""
+        return p if p.apart > 1 or p.after <= PARITY_POOR else parity.check(record, loop)
+
+    checked = tuple(threaded(known, records, compared))
     apart = max(p.apart for p in checked)  # one log tells it where the other one has much noise
     checked = tuple(replace(p, apart=apart) for p in checked)
     seen = threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
