@@ -29,6 +29,7 @@ from .rules import (
     CUT,
     CUT_SHARE,
     FASTER,
+    FASTER_BETTER,
     FLAT,
     FLATTER,
     GAIN_ERROR,
@@ -202,8 +203,8 @@ def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
 def _apart(record: Record, loop: ClosedLoop, found: Parity) -> int:
     """Return the samples of the controller per sample of the log.
 
-    More than one if its law explains more between the samples, with all its settings as declared,
-    than it does with others at the samples.
+    More than one if its law explains much more between the samples, with all its settings as
+    declared, than it does with others at the samples.
     """
     declared = loop.controller.delay
     if found.after <= ROUNDING or not (found.mismatch or found.delay != declared):
@@ -212,7 +213,8 @@ def _apart(record: Record, loop: ClosedLoop, found: Parity) -> int:
         fine = Signals(interpolated(record, count), loop)
         there = slice(count * PARITY_HEAD, None, count)  # the others are not in the log
         error = fine.error(loop.controller, declared, 0.0)[there]
-        if np.linalg.norm(error) < found.after * np.linalg.norm(fine.command[there]):
+        most = FASTER_BETTER * found.after * np.linalg.norm(fine.command[there])
+        if np.linalg.norm(error) < most:
             one, _ = _checked(fine.record, loop)
             if not one.mismatch and one.delay == declared:
                 return count
