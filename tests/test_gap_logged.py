@@ -7,7 +7,8 @@ import pytest
 
 import ivtools as iv
 from benchmarks import moves
-from ivtools.gap import parity, preflight
+from ivtools.gap import between, parity, preflight
+from ivtools.gap.fold import stepped
 from ivtools.gap.preflight import logged
 from ivtools.loop import Controller
 
@@ -98,17 +99,56 @@ def test_a_controller_that_is_late_is_not_the_log():
     assert found.verdict == "adequate" and not said(found, "is logged")
 
 
-def test_a_log_of_every_second_sample_is_no_fault_of_the_controller():
+def sparse(record, count):
+    """Return a record of which the log has only every so manieth sample."""
+    kept = {k: x[::count] for k, x in every(record).items()}
+    return iv.Record.from_dict(kept, name=record.name)
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_log_of_some_of_the_samples_is_no_fault_of_the_controller(count):
     """At its rate other settings of the law come nearer; between its samples those of the file."""
     loop = iv.axes.emps()
     effects = {"cogging": {"cosine": 3.0, "sine": 1.0, "period": 0.004}}
-    one, two = (
-        iv.Record.from_dict({k: x[::2] for k, x in every(r).items()}, name=r.name)
-        for r in pair(loop, **effects)
-    )
+    one, two = (sparse(r, count) for r in pair(loop, **effects))
     found = iv.diagnose(one, loop, two)
-    assert found.effects == ()
-    assert len(said(found, "takes 2 samples for each of the log")) == 2
+    assert found.effects == ("cogging",) and found.verdict == "explained"
+    assert len(said(found, f"takes {count} samples for each of the log")) == 2
+
+
+@pytest.mark.parametrize("count", [2, 5, 10])
+def test_a_controller_is_simulated_at_its_own_rate(count):
+    """What it does at the samples of the log is what it does there if all of them are logged."""
+    rng = np.random.default_rng(count)
+    for joint, unit in (("prismatic", 1.0), ("revolute", 3e-4)):  # kg, and kg m2
+        theta = {"inertia": unit, "viscous": 3.0 * unit, "coulomb": 0.5 * unit}
+        settings = {"kp": 2500.0 * unit, "kd": 70.0 * unit * rng.uniform(0.8, 1.2)}
+        law = Controller("pd", settings, delay=1)
+        loop = iv.ClosedLoop(law, 1.0, ("inertia", "viscous", "coulomb"), joint=joint)
+        t = np.arange(3001) * 1e-3
+        q_ref = np.sin(2.0 * np.pi * rng.uniform(0.5, 2.0) * t)
+        record = iv.Record(t, q_ref, q_ref=q_ref, nu=unit * q_ref)
+        all_of_them = loop.simulate(record, theta).to_record()
+        few = sparse(all_of_them.replace(q_ref=record.q_ref), count)
+        own, logs = (between.simulate(loop, few, theta, k).nu for k in (count, 1))
+        begun = few.t > 1.0
+        off, as_logged = (np.std((x - few.nu)[begun]) for x in (own, logs))
+        assert off < 0.1 * as_logged
+
+
+def test_of_a_step_that_a_log_has_between_its_samples_nothing_is_asked():
+    """Of an input that always jumps everything is."""
+    loop = iv.axes.emps()
+    record = moves.record(loop, BASE, SECONDS, 1)
+    pulses = np.where(record.t % 2.0 < 0.03, 1.3, 0.0)
+    at = record.t[np.flatnonzero(np.diff(pulses)) + 1]
+    shows = stepped(record.replace(added=pulses))
+    since = np.min(
+        np.where(record.t >= at[:, np.newaxis], record.t - at[:, np.newaxis], 9.0), axis=0
+    )
+    assert shows[since < 0.14].all() and not shows[since > 0.16].any()
+    always = np.random.default_rng(0).choice([-1.0, 1.0], record.n_samples)
+    assert not stepped(record.replace(added=always)).any() and not stepped(record).any()
 
 
 def test_gains_that_are_wrong_are_no_matter_of_the_rate():

@@ -46,9 +46,9 @@ def _far(log: Log) -> Log:
     return _changed(log, q=log["q"] + away, q_ref=log["q_ref"] + away)
 
 
-def _sparse(log: Log) -> Log:
-    """Return every second sample of it."""
-    return {name: x[::2] for name, x in log.items()}
+def _every(count: int) -> Callable[[Log], Log]:
+    """Return one of so many samples of a log."""
+    return lambda log: {name: x[::count] for name, x in log.items()}
 
 
 def _part(start: float, stop: float) -> Callable[[Log], Log]:
@@ -67,7 +67,8 @@ KINDS: dict[str, Callable[[Log], Log]] = {
     "coarse": _coarse,
     "late": _late,
     "early": _early,
-    "sparse": _sparse,
+    "sparse": _every(2),
+    "sparser": _every(4),
     "far": _far,
     "short": _part(0.0, 6.0),
     "begun": _part(3.2, 60.0),

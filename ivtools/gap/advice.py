@@ -183,7 +183,7 @@ def remarks(
                 f"{name}: {100 * beyond:.0f} % of it is at positions or times that the other "
                 "record does not cover; effects of position or time are judged on the rest"
             )
-        if p.delay != loop.controller.delay and p.apart == 1:
+        if p.delay != loop.controller.delay:
             lines.append(
                 f"{name}: the recorded command follows the measured position by {p.delay} samples, "
                 f"the axis file says {loop.controller.delay}; with that the control law, fed with "

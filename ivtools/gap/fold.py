@@ -19,6 +19,7 @@ from ..linalg import Metric, independent
 from ..loop import ClosedLoop, Simulation
 from ..loop.mechanics import LIGHTEST
 from ..record import Record
+from . import between
 from .library import Scales
 from .response import Response
 from .rules import (
@@ -27,10 +28,12 @@ from .rules import (
     DIVERGED,
     LEAST_BLOCK,
     LINKED_TRANSIENT,
+    MOST,
     MOVED_OFF,
     NEAR_LIMIT,
     REST,
     STANDING,
+    STEP,
     TOLD_APART,
     TRANSIENT,
     UNDOUBTED,
@@ -144,6 +147,8 @@ class Fold:
         Samples where, and when, the fold that it is compared with has been as well, if not all.
     against : ndarray, (n_samples,), optional
         A force against the motion that no term of a loop makes, N or N m.
+    apart : int
+        Samples of the controller from one sample of the record to the next.
     """
 
     record: Record
@@ -157,6 +162,7 @@ class Fold:
     smooth: float = 1.0
     both: Mask | None = None
     against: Array | None = None
+    apart: int = 1
 
     @property
     def n_kept(self) -> int:
@@ -254,11 +260,10 @@ class Fold:
 
     def simulate(self, loop: ClosedLoop, values: Values) -> Simulation:
         """Simulate a loop on this record."""
-        ramp = self.ramp and self.place is not None
         more = None if self.against is None else -self.against
-        return loop.simulate(
-            self.record, values, force_noise=more, place=self.place, link=self._felt, ramp=ramp
-        )
+        given = {"force_noise": more, "place": self.place, "link": self._felt}
+        ramp = self.ramp and self.place is not None
+        return between.simulate(loop, self.record, values, self.apart, ramp=ramp, **given)
 
     def gap(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return measured minus simulated force, N or N m, (n_samples,); inf if it diverged."""
@@ -366,6 +371,20 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
     own = own - record.added[:, 0] if record.added is not None else own
     keep &= ~near(np.abs(own) >= AT_LIMIT * loop.controller.limit, round(NEAR_LIMIT / record.dt))
     return keep & ~_standing(record)
+
+
+def stepped(record: Record) -> Mask:
+    """Return the samples at which a step of an added input still shows, (n_samples,).
+
+    None, if it jumps so often that this would be most of the record.
+    """
+    none = np.zeros(record.n_samples, dtype=bool)
+    if record.added is None:
+        return none
+    change = np.abs(np.diff(record.added[:, 0], prepend=record.added[0, 0]))
+    at = change > STEP * np.max(change)
+    shows = signal.lfilter(np.ones(settling(record)), [1.0], at.astype(float)) > 0.5
+    return shows if np.mean(shows) < MOST else none
 
 
 def settling(record: Record) -> int:

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import interpolate, stats
+from scipy import stats
 
 from ..errors import IVToolsError
 from ..linalg import block_covariance
@@ -22,6 +21,7 @@ from ..loop import ClosedLoop, Controller
 from ..loop.controllers import Seen
 from ..loop.identification import ControllerFit
 from ..record import Record
+from .between import interpolated
 from .rules import (
     ADDED_LEAST,
     AT_LIMIT,
@@ -29,7 +29,6 @@ from .rules import (
     CUT,
     CUT_SHARE,
     FASTER,
-    FASTER_BETTER,
     FLAT,
     FLATTER,
     GAIN_ERROR,
@@ -112,12 +111,7 @@ class Parity:
 
     @property
     def found(self) -> dict[str, float]:
-        """What the axis file has not: relative errors, feed-forwards, or another law's gains.
-
-        Nothing, if the controller runs faster than the log: what comes near is another law.
-        """
-        if self.apart > 1:
-            return {}
+        """What the axis file has not: relative errors, feed-forwards, or another law's gains."""
         if not (self.taken and self.declared):
             return self.mismatch
         law = self.loop.controller
@@ -130,7 +124,7 @@ class Parity:
         return own | fed
 
 
-def check(record: Record, loop: ClosedLoop, read: bool = True) -> Parity:
+def check(record: Record, loop: ClosedLoop, read: bool = True, apart: int = 0) -> Parity:
     """Compare the recorded command with the law fed with the measured position.
 
     Parameters
@@ -141,18 +135,21 @@ def check(record: Record, loop: ClosedLoop, read: bool = True) -> Parity:
         Its controller is the one declared.
     read : bool
         Whether the record is asked for its own law where the declared one explains little.
+    apart : int
+        Samples of the controller per sample of the log; 0: as the record shows.
 
     Returns
     -------
     Parity
     """
-    found = _compared(record, loop, read)
+    found = _compared(record, loop, read, apart)
     extra = 0.0 if found.taken else found.mismatch.get("added", 0.0)
     if abs(extra) <= GROSS_GAIN:
         return found
     # of another size or sign, it hides where the law sits at its limit: as it acts, once more
     assert record.added is not None
-    again = _compared(replace(record, added=(1.0 + extra) * record.added), loop, read)
+    known = replace(record, added=(1.0 + extra) * record.added)
+    again = _compared(known, loop, read, apart)
     more = again.mismatch.get("added", 0.0)
     return replace(
         again,
@@ -162,10 +159,13 @@ def check(record: Record, loop: ClosedLoop, read: bool = True) -> Parity:
     )
 
 
-def _compared(record: Record, loop: ClosedLoop, read: bool) -> Parity:
+def _compared(record: Record, loop: ClosedLoop, read: bool, apart: int) -> Parity:
     """Compare them, the added input being what was recorded; read another law if that is asked."""
     found, signals = _checked(record, loop)
-    found = replace(found, apart=_apart(record, loop, found))
+    if apart == 0:
+        found = _between(record, loop, found)
+    elif apart > 1:
+        found = replace(_checked(interpolated(record, apart), loop)[0], apart=apart)
     limited = found.limit is not None and found.after**2 < LIMIT_LEAVES  # behind it it is right
     known = not read or limited or found.apart > 1 or found.after <= PARITY_POOR
     return found if known else _read(found, signals, record, loop)
@@ -200,43 +200,25 @@ def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
     return found, signals
 
 
-def _apart(record: Record, loop: ClosedLoop, found: Parity) -> int:
-    """Return the samples of the controller per sample of the log.
+def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
+    """Return how the law compares if its controller takes several samples for each of the log.
 
-    More than one if its law explains much more between the samples, with all its settings as
-    declared, than it does with others at the samples.
+    It does if the law explains more between the samples, with all its settings as declared, than
+    it does with others at the samples.
     """
     declared = loop.controller.delay
     if found.after <= ROUNDING or not (found.mismatch or found.delay != declared):
-        return 1
+        return found
+    limited = replace(loop.controller, limit=found.loop.controller.limit)
     for count in FASTER:
         fine = Signals(interpolated(record, count), loop)
         there = slice(count * PARITY_HEAD, None, count)  # the others are not in the log
-        error = fine.error(loop.controller, declared, 0.0)[there]
-        most = FASTER_BETTER * found.after * np.linalg.norm(fine.command[there])
-        if np.linalg.norm(error) < most:
+        error = fine.error(limited, declared, 0.0)[there]
+        if np.linalg.norm(error) < found.after * np.linalg.norm(fine.command[there]):
             one, _ = _checked(fine.record, loop)
             if not one.mismatch and one.delay == declared:
-                return count
-    return 1
-
-
-def interpolated(record: Record, count: int) -> Record:
-    """Return a record with so many samples for each; an added input is held between them."""
-    there = np.arange(record.n_samples)
-    at = np.arange(count * (record.n_samples - 1) + 1) / count
-    rows = np.floor(at + ROUNDING).astype(int)
-    added = np.zeros_like(record.q) if record.added is None else record.added
-    signals: dict[str, Any] = {} if record.added is None else {"added": added[rows]}
-    for name, x in record.signals.items():
-        if name in ("nu", "tau"):  # which jump where the added input does
-            own = x - added if name == "nu" else x
-            straight = interpolate.make_interp_spline(there, own, k=1)(at)
-            signals[name] = straight + added[rows] if name == "nu" else straight
-        elif name != "added":
-            signals[name] = interpolate.make_interp_spline(there, x, k=3)(at)
-    extra = {name: np.interp(at, there, x) for name, x in record.extra.items()}
-    return Record(record.t[0] + record.dt * at, extra=extra, name=record.name, **signals)
+                return replace(one, apart=count)
+    return found
 
 
 def _once(error: Array, t: Array) -> float | None:

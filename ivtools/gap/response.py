@@ -20,6 +20,7 @@ from ..linalg import as_columns
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..record import Record
+from . import between
 from .rules import AFTER_REVERSAL, FORGETTING, MOVES, RESPONSE_TIME, SPEED_KNOTS
 
 Array = NDArray[np.float64]
@@ -77,8 +78,13 @@ class Response:
         return fft.irfft(fft.rfft(signal, size) * spectrum.conj(), size)[: self.n]
 
 
-def measure(loop: ClosedLoop, record: Record, values: Mapping[str, float]) -> Response:
-    """Measure the impulse response on the loop without dry friction and limits."""
+def measure(
+    loop: ClosedLoop, record: Record, values: Mapping[str, float], apart: int = 1
+) -> Response:
+    """Measure the impulse response on the loop without dry friction and limits.
+
+    Its controller takes `apart` samples for each of the record.
+    """
     linear = replace(
         loop.with_terms("inertia", "viscous"),
         controller=replace(loop.controller, limit=np.inf),
@@ -90,7 +96,10 @@ def measure(loop: ClosedLoop, record: Record, values: Mapping[str, float]) -> Re
     force, at = np.zeros(record.n_samples), 20
     size = float(np.sqrt(np.mean(loop.force(record) ** 2)))
     force[at] = -size
-    answers = [linear.simulate(record, theta, force_noise=f).nu[:, 0] for f in (force, 0.0 * force)]
+    both = (
+        between.simulate(linear, record, theta, apart, force_noise=f) for f in (force, 0 * force)
+    )
+    answers = [simulation.nu[:, 0] for simulation in both]
     length = min(round(RESPONSE_TIME / record.dt), record.n_samples - at)
     impulse = loop.gain * (answers[0] - answers[1])[at : at + length] / size
     return Response(impulse, record.n_samples)

@@ -116,9 +116,6 @@ LATENESS = (-1, 1, 2)
 LOGGED_LATE = 0.9
 #: Samples of the controller per sample of a log that are tried (judgement).
 FASTER = (2, 4, 5, 10)
-#: Parity error that they may leave, of that at the samples (training: logs of every second sample
-#: leave 0.00 to 0.82, a law that was identified at the samples 0.989).
-FASTER_BETTER = 0.9
 #: Share of the parity error's energy around one sample that points to a bad row (judgement).
 ONE_PLACE = 0.99
 #: Power that the record's own law may leave, of that of the declared one (judgement, not trained).
@@ -218,6 +215,9 @@ TRANSIENT = 0.15
 #: The same where a load is known: the links are not where they would be (training: a jerk at the
 #: start throws them across their gaps).
 LINKED_TRANSIENT = 0.3
+#: Of the largest step of an added input what is one too, where a log does not have its time
+#: (judgement).
+STEP = 0.5
 #: Share of the stroke beyond which an axis has left the place where it stood (physics: a brushless
 #: motor is stuck in a well of its cogging for 0.3 s, and moves by a thousandth there).
 MOVED_OFF = 2e-3

@@ -190,8 +190,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         measured = tuple(replace(m, floor=replace(m.floor, between=level)) for m in measured)
     if any(f.fatal for f in found):
         return refused(record, loop, checked, [*found, *law])
-    if any(p.clipped > SATURATED or p.apart > 1 for p in checked):
-        # too often at its limit, or simulated at another rate: the gap tells nothing of the axis
+    if any(p.clipped > SATURATED for p in checked):  # the gap tells nothing of the axis
         rules = replace(rules, most=0)
     least = AUDIBLE * fine / 100.0
     measured = tuple(audible(m, least) for m in measured)
@@ -235,7 +234,8 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Fin
     """
     said: list[Finding] = []
     roles, given = zip(*task.given.items(), strict=True)
-    checked = threaded(lambda one: parity.check(one, loop, read=False), given)
+    apart = 1 if task.loop.controller.kind == "identify" else 0  # it has the rate of the log
+    checked = threaded(lambda one: parity.check(one, loop, False, apart), given)
     if task.links or loop.controller.kind == "none":
         return task, checked, said
     late = threaded(preflight.lateness, given, [loop] * len(given), checked)
@@ -310,7 +310,11 @@ def _inspected(
 
     checked = tuple(threaded(known, records, compared))
     apart = max(p.apart for p in checked)  # one log tells it where the other one has much noise
-    checked = tuple(replace(p, apart=apart) for p in checked)
+    if apart > 1:
+        checked = tuple(
+            p if p.apart == apart else parity.check(r, loop, apart=apart)
+            for r, p in zip(records, checked, strict=True)
+        )
     seen = threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
     if len(records) == 1:
         return Inspected(checked, tuple(seen[0]))

@@ -15,7 +15,7 @@ from ...loop.rough_inertia import rough_inertia
 from ...record import Record
 from .. import preflight, response
 from ..fit import Fit, gauss_newton, start, steps
-from ..fold import Fold, Link, Side, usable
+from ..fold import Fold, Link, Side, stepped, usable
 from ..library import Scales
 from ..parity import Parity
 from ..response import Response
@@ -116,8 +116,12 @@ def fitted(ready: Ready) -> Fitted:
     values = start(Fold(record, usable(record, loop)), loop)
     if not values.get("inertia", 1.0) > 0.0:  # a pendulum or a spring that the model lacks
         values = {**values, "inertia": rough_inertia(loop, record)}
-    heard = response.measure(loop, record, values)
-    fold = Fold(record, usable(record, loop), np.ones(1), heard, record.name, place, ramp)
+    apart = 1 if driven else checked.apart
+    heard = response.measure(loop, record, values, apart)
+    keep = usable(record, loop)
+    if apart > 1:  # of when it stepped the log has nothing nearer than its samples
+        keep &= ~stepped(record)
+    fold = Fold(record, keep, np.ones(1), heard, record.name, place, ramp, apart=apart)
     step = steps(loop, scales)
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
     fit = gauss_newton(fold, loop, values, free, step)

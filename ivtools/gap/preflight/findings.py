@@ -217,9 +217,9 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     """Say which law the record shows; only a unit, a sign, or a command without law is fatal."""
     if parity.apart > 1:
         text = (
-            f"the controller takes {parity.apart} samples for each of the log: between them the "
-            "settings of the axis file explain the command, at them only others come near; so "
-            "simulated the force error is too large, and no effect is named: log every sample"
+            f"the controller takes {parity.apart} samples for each of the log: so the settings of "
+            "the axis file explain the command, at the samples only others would, as another "
+            "filter of the velocity; it is simulated at its own rate, and the log interpolated"
         )
         return [Finding(text, fatal=False)]
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > GROSS_GAIN}
