@@ -33,7 +33,7 @@ from .rules import (
     NEAR_LIMIT,
     REST,
     STANDING,
-    STEP,
+    STEPPED,
     TOLD_APART,
     TRANSIENT,
     UNDOUBTED,
@@ -382,7 +382,7 @@ def stepped(record: Record) -> Mask:
     if record.added is None:
         return none
     change = np.abs(np.diff(record.added[:, 0], prepend=record.added[0, 0]))
-    at = change > STEP * np.max(change)
+    at = change > STEPPED * np.max(change)
     shows = signal.lfilter(np.ones(settling(record)), [1.0], at.astype(float)) > 0.5
     return shows if np.mean(shows) < MOST else none
 

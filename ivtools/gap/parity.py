@@ -29,6 +29,7 @@ from .rules import (
     CUT,
     CUT_SHARE,
     FASTER,
+    FASTER_TOLD,
     FLAT,
     FLATTER,
     GAIN_ERROR,
@@ -210,12 +211,14 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     if found.after <= ROUNDING or not (found.mismatch or found.delay != declared):
         return found
     limited = replace(loop.controller, limit=found.loop.controller.limit)
+    part = record.liveliest(FASTER_TOLD)
+    added = found.mismatch.get("added", 0.0)
+    most = Signals(part, loop).error(found.loop.controller, found.delay, added)[PARITY_HEAD:]
     for count in FASTER:
-        fine = Signals(interpolated(record, count), loop)
-        there = slice(count * PARITY_HEAD, None, count)  # the others are not in the log
-        error = fine.error(limited, declared, 0.0)[there]
-        if np.linalg.norm(error) < found.after * np.linalg.norm(fine.command[there]):
-            one, _ = _checked(fine.record, loop)
+        fine = Signals(interpolated(part, count), loop)
+        error = fine.error(limited, declared, 0.0)[count * PARITY_HEAD :: count]
+        if np.linalg.norm(error) < np.linalg.norm(most):
+            one, _ = _checked(interpolated(record, count), loop)
             if not one.mismatch and one.delay == declared:
                 return replace(one, apart=count)
     return found

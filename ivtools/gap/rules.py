@@ -116,6 +116,8 @@ LATENESS = (-1, 1, 2)
 LOGGED_LATE = 0.9
 #: Samples of the controller per sample of a log that are tried (judgement).
 FASTER = (2, 4, 5, 10)
+#: Samples of a log that tell which (cost).
+FASTER_TOLD = 4000
 #: Share of the parity error's energy around one sample that points to a bad row (judgement).
 ONE_PLACE = 0.99
 #: Power that the record's own law may leave, of that of the declared one (judgement, not trained).
@@ -217,7 +219,7 @@ TRANSIENT = 0.15
 LINKED_TRANSIENT = 0.3
 #: Of the largest step of an added input what is one too, where a log does not have its time
 #: (judgement).
-STEP = 0.5
+STEPPED = 0.5
 #: Share of the stroke beyond which an axis has left the place where it stood (physics: a brushless
 #: motor is stuck in a well of its cogging for 0.3 s, and moves by a thousandth there).
 MOVED_OFF = 2e-3

@@ -239,21 +239,19 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Fin
     if task.links or loop.controller.kind == "none":
         return task, checked, said
     late = threaded(preflight.lateness, given, [loop] * len(given), checked)
-    for samples in sorted({*late} - {0}):
-        at = [k for k, n in enumerate(late) if n == samples]
-        ones = [(given[k], checked[k]) for k in at]
-        others = [preflight.earlier(one, samples) for one, _ in ones]
-        moved = [(one, parity.check(one, loop, read=False)) for one in others]
-        if any(f.fatal for one, p in moved for f in preflight.inspect(one, loop, p)):
+    for samples in sorted({one.samples for one in late if one}):
+        moved = {k: one for k, one in enumerate(late) if one and one.samples == samples}
+        acted = [(one.record, one.checked) for one in moved.values()]
+        if any(f.fatal for one, p in acted for f in preflight.inspect(one, loop, p)):
             continue
+        logged = [(given[k], checked[k]) for k in moved]
         with suppress(IVToolsError):  # which the diagnosis will say
-            left = _left(moved, task.records) / _left(ones, task.records)
+            left = _left(acted, task.records) / _left(logged, task.records)
             if left < LOGGED_LATE:
-                task = task.with_records({roles[k]: r for k, r in zip(at, others, strict=True)})
-                for k, (_, p) in zip(at, moved, strict=True):
-                    checked[k] = p
+                task = task.with_records({roles[k]: one.record for k, one in moved.items()})
+                checked = [moved[k].checked if k in moved else p for k, p in enumerate(checked)]
                 text = preflight.late(samples, left)
-                said += [f for one, _ in ones for f in preflight.named([text], one)]
+                said += [f for one, _ in logged for f in preflight.named([text], one)]
     return task, checked, said
 
 

@@ -20,7 +20,7 @@ from .findings import (
     told_apart,
 )
 from .hanging import Hanging, hanging
-from .logged import earlier, finer, late, lateness
+from .logged import finer, late, lateness
 from .plausible import doubts
 from .pull import HELD, adrift, followed, lawless, pulled, rings
 
@@ -30,7 +30,6 @@ __all__ = [
     "Hanging",
     "adrift",
     "doubts",
-    "earlier",
     "finer",
     "followed",
     "hanging",

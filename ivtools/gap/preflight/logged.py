@@ -6,6 +6,8 @@ becomes a speed of a step per sample that nobody asked for. A command some sampl
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
@@ -88,21 +90,45 @@ def smoothed(x: Array, step: float) -> Array:
     return x
 
 
-def lateness(record: Record, loop: ClosedLoop, checked: Parity) -> int:
-    """Return by how many samples more than the axis file says the command follows the position.
+class Moved(NamedTuple):
+    """A record whose command acted some samples before it was logged, after it if negative.
 
-    Negative where it is ahead; ahead of the position no law can be, but a log can. 0 where the law
-    explains little at any time.
+    Attributes
+    ----------
+    samples : int
+    record : Record
+    checked : Parity
+    """
+
+    samples: int
+    record: Record
+    checked: Parity
+
+    @classmethod
+    def by(cls, samples: int, record: Record, loop: ClosedLoop) -> Moved:
+        """Move the command of a record."""
+        other = earlier(record, samples)
+        return cls(samples, other, parity.check(other, loop, read=False, apart=1))
+
+
+def lateness(record: Record, loop: ClosedLoop, checked: Parity) -> Moved | None:
+    """Return a record with its command by as many samples earlier as it may have been logged late.
+
+    By how many more than the axis file says it follows the position; ahead of the position no law
+    can be, but a log can. None if it is by none, or the law explains little at any time.
     """
     if checked.apart > 1:
-        return 0
+        return None
     poor = checked.after > PARITY_POOR
     ahead = checked.delay == 0 and checked.after > ROUNDING
+    tried = {}
     for samples in LATENESS if poor else LATENESS[:1] if ahead else ():
-        other = parity.check(earlier(record, samples), loop, read=False)
-        if other.after < LAW_BETTER * checked.after and other.delay == loop.controller.delay:
-            return samples
-    return 0 if poor else checked.delay - loop.controller.delay
+        tried[samples] = one = Moved.by(samples, record, loop)
+        better = one.checked.after < LAW_BETTER * checked.after
+        if better and one.checked.delay == loop.controller.delay:
+            return one
+    late = checked.delay - loop.controller.delay
+    return None if poor or not late else tried.get(late) or Moved.by(late, record, loop)
 
 
 def earlier(record: Record, samples: int) -> Record:
