@@ -162,11 +162,10 @@ def check(record: Record, loop: ClosedLoop, read: bool = True, apart: int = 0) -
 
 def _compared(record: Record, loop: ClosedLoop, read: bool, apart: int) -> Parity:
     """Compare them, the added input being what was recorded; read another law if that is asked."""
+    if apart > 1:
+        return replace(_checked(interpolated(record, apart), loop)[0], apart=apart)
     found, signals = _checked(record, loop)
-    if apart == 0:
-        found = _between(record, loop, found)
-    elif apart > 1:
-        found = replace(_checked(interpolated(record, apart), loop)[0], apart=apart)
+    found = found if apart else _between(record, loop, found)
     limited = found.limit is not None and found.after**2 < LIMIT_LEAVES  # behind it it is right
     known = not read or limited or found.apart > 1 or found.after <= PARITY_POOR
     return found if known else _read(found, signals, record, loop)

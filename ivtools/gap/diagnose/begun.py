@@ -179,7 +179,8 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         ]
         if loop.controller.kind != "none" and any(r.driven for r in ready):
             found.append(preflight.HELD)
-        third = None if task.judge is None else _judging(task.judge, loop, records, links[2])
+        apart = checked[0].apart
+        third = None if task.judge is None else _judging(task.judge, loop, records, links[2], apart)
         loop = _alike(preflight.told_apart(records, loop), ready[0])
         measured = _confirmed(loop, tuple(threaded(measure, ready)))
     except IVToolsError as error:
@@ -226,7 +227,7 @@ def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
 def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Finding]]:
     """Return the task with commands as they acted where the log has them late, and what to say.
 
-    Between them how the declared law compares with each record.
+    Between them how the declared law compares with each record, at the rate of its controller.
 
     A command that follows the position by other samples than the axis file says was given at
     another time, or logged at another time: the simulated loop tells, for only the first turns its
@@ -236,6 +237,9 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Fin
     roles, given = zip(*task.given.items(), strict=True)
     apart = 1 if task.loop.controller.kind == "identify" else 0  # it has the rate of the log
     checked = threaded(lambda one: parity.check(one, loop, False, apart), given)
+    apart = max(p.apart for p in checked)  # one log tells it where another one has much noise
+    if any(p.apart < apart for p in checked):
+        checked = threaded(lambda one: parity.check(one, loop, False, apart), given)
     if task.links or loop.controller.kind == "none":
         return task, checked, said
     late = threaded(preflight.lateness, given, [loop] * len(given), checked)
@@ -304,15 +308,10 @@ def _inspected(
 
     def known(record: Record, p: Parity) -> Parity:
         """Ask the record for its own law where the declared one explains little."""
-        return p if p.apart > 1 or p.after <= PARITY_POOR else parity.check(record, loop)
+        poor = p.after > PARITY_POOR and p.apart == 1
+        return parity.check(record, loop, apart=1) if poor else p
 
     checked = tuple(threaded(known, records, compared))
-    apart = max(p.apart for p in checked)  # one log tells it where the other one has much noise
-    if apart > 1:
-        checked = tuple(
-            p if p.apart == apart else parity.check(r, loop, apart=apart)
-            for r, p in zip(records, checked, strict=True)
-        )
     seen = threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
     if len(records) == 1:
         return Inspected(checked, tuple(seen[0]))
@@ -321,10 +320,10 @@ def _inspected(
 
 
 def _judging(
-    judge: Record, loop: ClosedLoop, records: Sequence[Record], link: Link | None
+    judge: Record, loop: ClosedLoop, records: Sequence[Record], link: Link | None, apart: int
 ) -> Measured:
     """Return the record that takes part in nothing, measured as the others are."""
-    ready = prepared(judge, parity.check(judge, loop), records)
+    ready = prepared(judge, parity.check(judge, loop, apart=apart), records)
     return measure(ready._replace(link=link))
 
 
