@@ -233,15 +233,17 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Fin
     another time, or logged at another time: the simulated loop tells, for only the first turns its
     phase. Joints of a robot have one log, and no loop of their own to tell by.
     """
-    said: list[Finding] = []
     roles, given = zip(*task.given.items(), strict=True)
     apart = 1 if task.loop.controller.kind == "identify" else 0  # it has the rate of the log
     checked = threaded(lambda one: parity.check(one, loop, False, apart), given)
     apart = max(p.apart for p in checked)  # one log tells it where another one has much noise
     if any(p.apart < apart for p in checked):
         checked = threaded(lambda one: parity.check(one, loop, False, apart), given)
+    if apart > 1:
+        return task, checked, [preflight.faster(apart)]
     if task.links or loop.controller.kind == "none":
-        return task, checked, said
+        return task, checked, []
+    said: list[Finding] = []
     late = threaded(preflight.lateness, given, [loop] * len(given), checked)
     for samples in sorted({one.samples for one in late if one}):
         moved = {k: one for k, one in enumerate(late) if one and one.samples == samples}

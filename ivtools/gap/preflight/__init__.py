@@ -20,7 +20,7 @@ from .findings import (
     told_apart,
 )
 from .hanging import Hanging, hanging
-from .logged import finer, late, lateness
+from .logged import faster, finer, late, lateness
 from .plausible import doubts
 from .pull import HELD, adrift, followed, lawless, pulled, rings
 
@@ -30,6 +30,7 @@ __all__ = [
     "Hanging",
     "adrift",
     "doubts",
+    "faster",
     "finer",
     "followed",
     "hanging",

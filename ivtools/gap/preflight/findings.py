@@ -215,13 +215,8 @@ def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]
 
 def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     """Say which law the record shows; only a unit, a sign, or a command without law is fatal."""
-    if parity.apart > 1:
-        text = (
-            f"the controller takes {parity.apart} samples for each of the log: so the settings of "
-            "the axis file explain the command, at the samples only others would, as another "
-            "filter of the velocity; it is simulated at its own rate, and the log interpolated"
-        )
-        return [Finding(text, fatal=False)]
+    if parity.apart > 1:  # its settings explain the command at that rate
+        return []
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > GROSS_GAIN}
     if parity.trustworthy and not gross and not parity.taken:
         return []

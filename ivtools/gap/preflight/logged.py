@@ -117,8 +117,6 @@ def lateness(record: Record, loop: ClosedLoop, checked: Parity) -> Moved | None:
     By how many more than the axis file says it follows the position; ahead of the position no law
     can be, but a log can. None if it is by none, or the law explains little at any time.
     """
-    if checked.apart > 1:
-        return None
     poor = checked.after > PARITY_POOR
     ahead = checked.delay == 0 and checked.after > ROUNDING
     tried = {}
@@ -156,5 +154,15 @@ def late(samples: int, left: float) -> Finding:
         f"the command is logged {count} {'after' if samples > 0 else 'before'} it acts: moved "
         f"back, the base model leaves {100 * left:.2g} % of the force error that it leaves with a "
         "controller of that delay"
+    )
+    return Finding(text, fatal=False)
+
+
+def faster(count: int) -> Finding:
+    """Return what to say of a controller that takes so many samples for each of the log."""
+    text = (
+        f"the controller takes {count} samples for each of the log: so the settings of the axis "
+        "file explain the command, at the samples only others would, as another filter of the "
+        "velocity; it is simulated at its own rate, and the log interpolated"
     )
     return Finding(text, fatal=False)
