@@ -50,8 +50,8 @@ def test_a_grid_is_found_whatever_its_unit_and_its_origin(step):
     rng = np.random.default_rng(0)
     x = 1e3 * step * np.cumsum(rng.normal(size=3000)) / 30.0
     for origin in (0.0, 0.37 * step, 1e6 * step):
-        assert logged.grid(origin + step * np.round(x / step)) == pytest.approx(step, rel=1e-6)
-    assert logged.grid(x) == 0.0 and logged.grid(np.full(30, 1.3)) == 0.0
+        assert parity.grid(origin + step * np.round(x / step)) == pytest.approx(step, rel=1e-6)
+    assert parity.grid(x) == 0.0 and logged.grid(np.full(30, 1.3)) == 0.0
 
 
 def test_a_smooth_motion_comes_back_from_a_rounded_one():
@@ -158,6 +158,22 @@ def test_gains_that_are_wrong_are_no_matter_of_the_rate():
     wrong = replace(loop, controller=replace(loop.controller, settings=gains))
     found = parity.check(record, wrong)
     assert found.apart == 1 and found.found == pytest.approx({"kv": 1 / 1.04 - 1}, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_limit_is_seen_in_a_command_of_few_digits_beside_an_added_input(seed):
+    """Less what was added it is not the same wherever it sits at the limit."""
+    rng = np.random.default_rng(seed)
+    free, limit = iv.axes.emps(), rng.uniform(1.0, 2.0)
+    cut = replace(free, controller=replace(free.controller, limit=limit))
+    motion = moves.record(free, BASE, SECONDS, seed)
+    pulses = rng.uniform(0.2, 0.9) * (motion.t % 1.1 < 0.1)
+    simulation = cut.simulate(motion.replace(added=pulses), BASE)
+    step = 10.0 ** rng.uniform(-4, -2.5)
+    command = step * np.round(simulation.nu / step)
+    found = parity.check(motion.replace(q=simulation.q, nu=command, added=pulses), free)
+    assert found.limit == pytest.approx(limit, abs=step)
+    assert not found.mismatch and found.after < 0.01
 
 
 def every(record):

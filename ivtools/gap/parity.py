@@ -46,6 +46,7 @@ from .rules import (
     MAX_DELAY,
     NEAR_TOP,
     NOISY_GAIN,
+    ON_GRID,
     ONE_PLACE,
     PARITY_BLOCKS,
     PARITY_HEAD,
@@ -212,11 +213,13 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     limited = replace(loop.controller, limit=found.loop.controller.limit)
     part = record.liveliest(FASTER_TOLD)
     added = found.mismatch.get("added", 0.0)
-    most = Signals(part, loop).error(found.loop.controller, found.delay, added)[PARITY_HEAD:]
+    here = Signals(part, loop)
+    left = here.error(found.loop.controller, found.delay, added)[PARITY_HEAD:]
+    most = min(np.linalg.norm(left), LAW_ERROR * np.linalg.norm(here.command[PARITY_HEAD:]))
     for count in FASTER:
         fine = Signals(interpolated(part, count), loop)
         error = fine.error(limited, declared, 0.0)[count * PARITY_HEAD :: count]
-        if np.linalg.norm(error) < np.linalg.norm(most):
+        if np.linalg.norm(error) < most:
             one, _ = _checked(interpolated(record, count), loop)
             if not one.mismatch and one.delay == declared:
                 return replace(one, apart=count)
@@ -290,6 +293,17 @@ def effects(
     return effects, values
 
 
+def grid(x: Array) -> float:
+    """Return the step of which all values of a signal, (n_samples,), are multiples; 0 if none."""
+    apart = np.diff(np.unique(x))
+    apart = apart[apart > 2.0 * np.spacing(np.max(np.abs(x)))]  # of two ways to write one number
+    if not len(apart):
+        return 0.0
+    step = float(np.min(apart))
+    steps = (x - x[0]) / step
+    return step if np.max(np.abs(steps - np.round(steps))) < ON_GRID else 0.0
+
+
 class Signals:
     """What a control law sees, and what was recorded."""
 
@@ -298,8 +312,9 @@ class Signals:
         self.added = record.added[:, 0] if record.added is not None else np.zeros(record.n_samples)
         self.whole = loop.command(record)
         self.command = self.whole[:, 0]
+        self.step = grid(self.command)
         self.limit = loop.controller.limit  # at which the record was clipped
-        self.least = _least(np.abs(self.own), self.limit, AT_LIMIT)  # from which it sits there
+        self.least = _least(np.abs(self.own), self.limit, AT_LIMIT, self.step)  # from where on
 
     @property
     def own(self) -> Array:
@@ -340,8 +355,8 @@ def _limit(
     The top of a command that was measured, as a current is, is as flat as its noise lets it.
     """
     own = np.abs(signals.own)
-    largest, top = float(np.max(own)), _top(own)
-    noisy = not AT_TOP * largest < top[1] < np.inf
+    largest, top = float(np.max(own)), _top(own, signals.step)
+    noisy = top[1] in (AT_TOP * largest, np.inf)
     for level, least in (_level(signals, controller, own), top) if noisy else (top,):
         at_top = own > least
         if at_top.sum() < LIMIT_SAMPLES:
@@ -356,7 +371,7 @@ def _limit(
     return signals, None, own >= signals.least
 
 
-def _top(own: Array) -> tuple[float, float]:
+def _top(own: Array, step: float) -> tuple[float, float]:
     """Return the largest command and the least from which it sits there, if it does.
 
     A smooth peak that is sampled fast has many samples near its top as well.
@@ -364,15 +379,16 @@ def _top(own: Array) -> tuple[float, float]:
     largest = float(np.max(own))
     least = AT_TOP * largest
     sits = np.median(own[own >= least]) >= least + SITS * (largest - least)
-    return largest, _least(own, largest, AT_TOP) if sits else np.inf
+    return largest, _least(own, largest, AT_TOP, step) if sits else np.inf
 
 
-def _least(own: Array, limit: float, share: float) -> float:
+def _least(own: Array, limit: float, share: float, step: float) -> float:
     """Return from which command on it sits at a limit: a share of it, or all where the log has it.
 
-    An integrator that is taken to stand while the command comes near is wrong from then on.
+    An integrator that is taken to stand while the command comes near is wrong from then on. What
+    is left of a rounded command without its added input is off by a step at most.
     """
-    exact = (1.0 - ROUNDING) * limit
+    exact = (1.0 - ROUNDING) * limit - step
     return exact if np.sum(own >= exact) >= LIMIT_SAMPLES else share * limit
 
 

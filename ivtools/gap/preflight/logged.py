@@ -22,7 +22,6 @@ from ..rules import (
     EDGES,
     LATENESS,
     LAW_BETTER,
-    ON_GRID,
     PARITY_POOR,
     REFERENCE_BETTER,
     ROUNDING,
@@ -41,7 +40,7 @@ def finer(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
     """
     if record.q_ref is None or loop.controller.kind == "none":
         return record, []
-    step = grid(record.q_ref[:, 0])
+    step = parity.grid(record.q_ref[:, 0])
     if not step:
         return record, []
     other = record.replace(q_ref=smoothed(record.q_ref[:, 0], step))
@@ -62,17 +61,6 @@ def _law_error(record: Record, loop: ClosedLoop) -> float:
         return parity.check(record, loop.known(record), read=False).after
     except IVToolsError:
         return float("inf")
-
-
-def grid(x: Array) -> float:
-    """Return the step of which all values of a signal, (n_samples,), are multiples; 0 if none."""
-    apart = np.diff(np.unique(x))
-    apart = apart[apart > 2.0 * np.spacing(np.max(np.abs(x)))]  # of two ways to write one number
-    if not len(apart):
-        return 0.0
-    step = float(np.min(apart))
-    steps = (x - x[0]) / step
-    return step if np.max(np.abs(steps - np.round(steps))) < ON_GRID else 0.0
 
 
 def smoothed(x: Array, step: float) -> Array:
