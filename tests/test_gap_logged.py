@@ -105,6 +105,35 @@ def sparse(record, count):
     return iv.Record.from_dict(kept, name=record.name)
 
 
+@pytest.mark.parametrize("away", [0.4, -300.0])
+def test_positions_that_are_counted_from_far_away_hide_no_force_over_them(away):
+    loop = iv.axes.emps()
+    effects = {"cogging": {"cosine": 3.0, "sine": 1.0, "period": 0.004}}
+    one, two = (r.replace(q=r.q + away, q_ref=r.q_ref + away) for r in pair(loop, **effects))
+    found = iv.diagnose(one, loop, two)
+    assert found.effects == ("cogging",)
+    assert len(said(found, "are counted from")) == 1
+
+
+@pytest.mark.filterwarnings("ignore:record. q implies")
+@pytest.mark.parametrize("joint", ["prismatic", "revolute"])
+def test_positions_are_counted_from_a_round_number_or_whole_turns(joint):
+    rng = np.random.default_rng(3)
+    loop = iv.ClosedLoop(Controller("pd", {"kp": 9.0, "kd": 1.0}), 1.0, ("inertia",), joint=joint)
+    hangs = replace(loop, terms=iv.ClosedLoop(loop.controller, 1.0, ("inertia", "gravity")).terms)
+    for _ in range(20):
+        stroke, away = 10.0 ** rng.uniform(-5, 3), rng.uniform(-1e4, 1e4)
+        q = stroke * (away + 0.5 * np.sin(np.arange(999) / 30.0))
+        record = iv.Record(np.arange(999) * 1e-3, q, q_ref=q, nu=np.sin(q / stroke))
+        start = preflight.origin(record, (), loop)
+        near = np.max(np.abs(preflight.counted(record, start).q))
+        assert near <= (1.01 if joint == "prismatic" else 1.51) * stroke
+        turns = preflight.origin(record, (), hangs) / (2.0 * np.pi)
+        assert joint == "prismatic" or turns == pytest.approx(round(turns), abs=1e-9)
+    mine = replace(loop.terms[0], name="mine")
+    assert preflight.origin(record, (mine,), loop) == 0.0
+
+
 @pytest.mark.parametrize("count", [2, 4])
 def test_a_log_of_some_of_the_samples_is_no_fault_of_the_controller(count):
     """At its rate other settings of the law come nearer; between its samples those of the file."""

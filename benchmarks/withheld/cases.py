@@ -118,7 +118,7 @@ def _attempt(task: Task, rng: np.random.Generator) -> Case | None:
     case = _played(axis, values, full, steady, label)
     if case is None or task.suite != "logs":
         return case
-    return replace(case, records=tuple(logs.KINDS[task.detail[0]](r) for r in case.records))
+    return replace(case, records=logs.changed(task.detail[0], case.records))
 
 
 def _noisy(rng: np.random.Generator, axis: Axis, ref: np.ndarray, added: np.ndarray) -> Experiment:

@@ -104,6 +104,10 @@ EDGES = 6.0
 #: Most that the filter may change, in steps: their mean square, and in one sample (theory: rounding
 #: makes a twelfth and a half; corners of a motion add a little).
 SMOOTHED = (0.12, 1.5)
+#: Strokes between the middle of the motion and the origin of its positions from which they are
+#: counted from nearer (training: of 15 forces over positions 14 have a name 1.5 strokes away, 11
+#: four, eight 20 and six a thousand; counted from near all of them).
+FAR = 1.0
 #: Share of the parity error with a rounded reference that is left with a smooth one, if the
 #: controller had that (judgement: where it had the rounded one, the error is larger with a smooth).
 REFERENCE_BETTER = 0.7

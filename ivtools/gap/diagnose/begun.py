@@ -154,6 +154,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         text = "no reference is in the record, so no control law can be read from it; for the "
         remedy = 'force over the motion alone write [controller] kind = "none"'
         return refused(task.record, task.loop, (), [Finding(text + remedy), *parts])
+    task, near = _near(task)
     task, rounded = _finer(task)
     law = preflight.identified(task.record, task.loop)
     task, loop, note = _followed(task)
@@ -164,7 +165,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     else:
         inspected, late = task.inspected.under(loop), []
     record, records = task.record, task.records
-    law = [*rounded, *law, *note, *alone, *late, *parts]
+    law = [*near, *rounded, *law, *note, *alone, *late, *parts]
     checked, found = inspected.checked, list(inspected.found)
     if task.judge is not None:
         found += [f for r in records for f in preflight.overlap(r, task.judge, "judge")]
@@ -204,6 +205,20 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
 
 def mute(text: str) -> None:
     """Show no progress."""
+
+
+def _near(task: Task) -> tuple[Task, list[Finding]]:
+    """Return the task with positions that are counted from near, and what to say.
+
+    A robot's have their origin from its links, and a simulator that is run asks for its own.
+    """
+    if task.links or task.whole:
+        return task, []
+    origin = preflight.origin(task.record, (*task.loop.terms, *task.extra), task.loop)
+    if not origin:
+        return task, []
+    counted = {role: preflight.counted(one, origin) for role, one in task.given.items()}
+    return task.with_records(counted), [preflight.near(origin, task.loop)]
 
 
 def _finer(task: Task) -> tuple[Task, list[Finding]]:

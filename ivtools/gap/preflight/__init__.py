@@ -20,7 +20,7 @@ from .findings import (
     told_apart,
 )
 from .hanging import Hanging, hanging
-from .logged import faster, finer, late, lateness
+from .logged import counted, faster, finer, late, lateness, near, origin
 from .plausible import doubts
 from .pull import HELD, adrift, followed, lawless, pulled, rings
 
@@ -29,6 +29,7 @@ __all__ = [
     "Finding",
     "Hanging",
     "adrift",
+    "counted",
     "doubts",
     "faster",
     "finer",
@@ -40,8 +41,10 @@ __all__ = [
     "lateness",
     "lawless",
     "named",
+    "near",
     "one_way",
     "only_one_way",
+    "origin",
     "overlap",
     "pulled",
     "require",

@@ -6,6 +6,7 @@ becomes a speed of a step per sample that nobody asked for. A command some sampl
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +15,14 @@ from scipy import signal
 
 from ...errors import IVToolsError
 from ...loop import ClosedLoop
+from ...physics import TERMS, Term
 from ...record import Record
 from ...units import JOINTS, quantity
 from .. import parity
 from ..parity import Parity
 from ..rules import (
     EDGES,
+    FAR,
     LATENESS,
     LAW_BETTER,
     PARITY_POOR,
@@ -97,6 +100,53 @@ class Moved(NamedTuple):
         """Move the command of a record."""
         other = earlier(record, samples)
         return cls(samples, other, parity.check(other, loop, read=False, apart=1))
+
+
+def origin(record: Record, terms: Iterable[Term], loop: ClosedLoop) -> float:
+    """Return from where positions are better counted, m or rad; 0 if from where they are.
+
+    A stroke away the period of what repeats over them decides its phase. It is a round number, of
+    turns if they are enough or gravity turns with the angle; where a law of one's own, or a
+    controller, may know the position itself, it stays.
+
+    Parameters
+    ----------
+    record : Record
+    terms : iterable of Term
+        That act on the axis, or may.
+    loop : ClosedLoop
+    """
+    law, own = loop.controller, any(TERMS.get(t.name) is not t for t in terms)
+    if own or law.kind == "state-space" or {"q", "q_ref"} & {*law.columns}:
+        return 0.0
+    q = record.q[:, 0]
+    stroke, middle = float(np.ptp(q)), 0.5 * float(np.max(q) + np.min(q))
+    if abs(middle) < FAR * stroke:
+        return 0.0
+    turns = 2.0 * np.pi * float(np.round(middle / (2.0 * np.pi)))
+    hangs = any(name.startswith("gravity") for name in (*loop.names, *law.feedforward))
+    if loop.joint == "revolute" and (hangs or abs(middle - turns) < FAR * stroke):
+        return turns
+    unit = 10.0 ** float(np.floor(np.log10(stroke)))
+    return float(unit * np.round(middle / unit))
+
+
+def counted(record: Record, start: float) -> Record:
+    """Return a record with its positions counted from another one, m or rad."""
+    q_ref = None if record.q_ref is None else record.q_ref - start
+    return record.replace(q=record.q - start, q_ref=q_ref)
+
+
+def near(start: float, loop: ClosedLoop) -> Finding:
+    """Return what to say of positions that are counted from another one."""
+    turns = start / (2.0 * np.pi)
+    whole = loop.joint == "revolute" and abs(turns - round(turns)) < ROUNDING
+    where = f"{turns:.0f} turns" if whole else f"{start:.9g} {JOINTS[loop.joint].length}"
+    text = (
+        "the axis moves more than its stroke away from where its positions are counted from: in "
+        f"what follows they, and what depends on them, are counted from {where}"
+    )
+    return Finding(text, fatal=False)
 
 
 def lateness(record: Record, loop: ClosedLoop, checked: Parity) -> Moved | None:
