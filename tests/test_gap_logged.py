@@ -112,7 +112,7 @@ def test_positions_that_are_counted_from_far_away_hide_no_force_over_them(away):
     one, two = (r.replace(q=r.q + away, q_ref=r.q_ref + away) for r in pair(loop, **effects))
     found = iv.diagnose(one, loop, two)
     assert found.effects == ("cogging",)
-    assert len(said(found, "are counted from")) == 1
+    assert len(said(found, "of what is named, it is counted from")) == 1
 
 
 @pytest.mark.filterwarnings("ignore:record. q implies")

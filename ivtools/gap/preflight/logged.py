@@ -143,8 +143,8 @@ def near(start: float, loop: ClosedLoop) -> Finding:
     whole = loop.joint == "revolute" and abs(turns - round(turns)) < ROUNDING
     where = f"{turns:.0f} turns" if whole else f"{start:.9g} {JOINTS[loop.joint].length}"
     text = (
-        "the axis moves more than its stroke away from where its positions are counted from: in "
-        f"what follows they, and what depends on them, are counted from {where}"
+        "the axis moves more than its stroke away from where its position is counted from: here, "
+        f"and in the parameters of what is named, it is counted from {where}"
     )
     return Finding(text, fatal=False)
 
