@@ -51,7 +51,7 @@ def test_a_grid_is_found_whatever_its_unit_and_its_origin(step):
     x = 1e3 * step * np.cumsum(rng.normal(size=3000)) / 30.0
     for origin in (0.0, 0.37 * step, 1e6 * step):
         assert parity.grid(origin + step * np.round(x / step)) == pytest.approx(step, rel=1e-6)
-    assert parity.grid(x) == 0.0 and logged.grid(np.full(30, 1.3)) == 0.0
+    assert parity.grid(x) == 0.0 and parity.grid(np.full(30, 1.3)) == 0.0
 
 
 def test_a_smooth_motion_comes_back_from_a_rounded_one():

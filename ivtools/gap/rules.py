@@ -108,6 +108,8 @@ SMOOTHED = (0.12, 1.5)
 #: counted from nearer (training: of 15 forces over positions 14 have a name 1.5 strokes away, 11
 #: four, eight 20 and six a thousand; counted from near all of them).
 FAR = 1.0
+#: Multiples of its powers are round numbers (definition).
+ROUND = 10.0
 #: Share of the parity error with a rounded reference that is left with a smooth one, if the
 #: controller had that (judgement: where it had the rounded one, the error is larger with a smooth).
 REFERENCE_BETTER = 0.7

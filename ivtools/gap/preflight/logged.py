@@ -27,6 +27,7 @@ from ..rules import (
     LAW_BETTER,
     PARITY_POOR,
     REFERENCE_BETTER,
+    ROUND,
     ROUNDING,
     SMOOTHED,
     SMOOTHEST,
@@ -127,7 +128,7 @@ def origin(record: Record, terms: Iterable[Term], loop: ClosedLoop) -> float:
     hangs = any(name.startswith("gravity") for name in (*loop.names, *law.feedforward))
     if loop.joint == "revolute" and (hangs or abs(middle - turns) < FAR * stroke):
         return turns
-    unit = 10.0 ** float(np.floor(np.log10(stroke)))
+    unit = ROUND ** float(np.floor(np.log10(stroke)))
     return float(unit * np.round(middle / unit))
 
 
