@@ -116,10 +116,6 @@ REFERENCE_BETTER = 0.7
 #: Samples by which a log is late that are tried where the law explains little as it is; the first,
 #: ahead of the position, where no law can be, wherever the command is not late (judgement).
 LATENESS = (-1, 1, 2)
-#: Share of the force error with a late controller that is left with a command logged late, if that
-#: is what happened (training: 106 records that are logged late or early leave 0.08 to 0.85, one 1.2
-#: beside a late drive; the EMPS records, whose controller is early, 1.5 and 3.2).
-LOGGED_LATE = 0.9
 #: Samples of the controller per sample of a log that are tried (judgement).
 FASTER = (2, 4, 5, 10)
 #: Samples of a log that tell which (cost).
