@@ -186,7 +186,7 @@ def test_gains_that_are_wrong_are_no_matter_of_the_rate():
     gains = {**loop.controller.settings, "kv": 1.04 * loop.controller.settings["kv"]}
     wrong = replace(loop, controller=replace(loop.controller, settings=gains))
     found = parity.check(record, wrong)
-    assert found.apart == 1 and found.found == pytest.approx({"kv": 1 / 1.04 - 1}, rel=1e-3)
+    assert found.oversampling == 1 and found.found == pytest.approx({"kv": 1 / 1.04 - 1}, rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -147,7 +147,7 @@ class Fold:
         Samples where, and when, the fold that it is compared with has been as well, if not all.
     against : ndarray, (n_samples,), optional
         A force against the motion that no term of a loop makes, N or N m.
-    apart : int
+    oversampling : int
         Samples of the controller from one sample of the record to the next.
     """
 
@@ -162,7 +162,7 @@ class Fold:
     smooth: float = 1.0
     both: Mask | None = None
     against: Array | None = None
-    apart: int = 1
+    oversampling: int = 1
 
     @property
     def n_kept(self) -> int:
@@ -263,7 +263,7 @@ class Fold:
         more = None if self.against is None else -self.against
         given = {"force_noise": more, "place": self.place, "link": self._felt}
         ramp = self.ramp and self.place is not None
-        return between.simulate(loop, self.record, values, self.apart, ramp=ramp, **given)
+        return between.simulate(loop, self.record, values, self.oversampling, ramp=ramp, **given)
 
     def gap(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return measured minus simulated force, N or N m, (n_samples,); inf if it diverged."""

@@ -88,7 +88,7 @@ class Parity:
         The controller of the axis file.
     at : float or None
         Time, s, around which nearly all of the error lies that is left; None if there is none such.
-    apart : int
+    oversampling : int
         Samples of the controller from one sample of the log to the next.
     """
 
@@ -104,7 +104,7 @@ class Parity:
     taken: bool = False
     declared: Controller | None = None
     at: float | None = None
-    apart: int = 1
+    oversampling: int = 1
 
     @property
     def trustworthy(self) -> bool:
@@ -126,7 +126,7 @@ class Parity:
         return own | fed
 
 
-def check(record: Record, loop: ClosedLoop, read: bool = True, apart: int = 0) -> Parity:
+def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int = 0) -> Parity:
     """Compare the recorded command with the law fed with the measured position.
 
     Parameters
@@ -137,21 +137,21 @@ def check(record: Record, loop: ClosedLoop, read: bool = True, apart: int = 0) -
         Its controller is the one declared.
     read : bool
         Whether the record is asked for its own law where the declared one explains little.
-    apart : int
+    oversampling : int
         Samples of the controller per sample of the log; 0: as the record shows.
 
     Returns
     -------
     Parity
     """
-    found = _compared(record, loop, read, apart)
+    found = _compared(record, loop, read, oversampling)
     extra = 0.0 if found.taken else found.mismatch.get("added", 0.0)
     if abs(extra) <= GROSS_GAIN:
         return found
     # of another size or sign, it hides where the law sits at its limit: as it acts, once more
     assert record.added is not None
     known = replace(record, added=(1.0 + extra) * record.added)
-    again = _compared(known, loop, read, apart)
+    again = _compared(known, loop, read, oversampling)
     more = again.mismatch.get("added", 0.0)
     return replace(
         again,
@@ -161,14 +161,16 @@ def check(record: Record, loop: ClosedLoop, read: bool = True, apart: int = 0) -
     )
 
 
-def _compared(record: Record, loop: ClosedLoop, read: bool, apart: int) -> Parity:
+def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -> Parity:
     """Compare them, the added input being what was recorded; read another law if that is asked."""
-    if apart > 1:
-        return replace(_checked(interpolated(record, apart), loop)[0], apart=apart)
+    if oversampling > 1:
+        return replace(
+            _checked(interpolated(record, oversampling), loop)[0], oversampling=oversampling
+        )
     found, signals = _checked(record, loop)
-    found = found if apart else _between(record, loop, found)
+    found = found if oversampling else _between(record, loop, found)
     limited = found.limit is not None and found.after**2 < LIMIT_LEAVES  # behind it it is right
-    known = not read or limited or found.apart > 1 or found.after <= PARITY_POOR
+    known = not read or limited or found.oversampling > 1 or found.after <= PARITY_POOR
     return found if known else _read(found, signals, record, loop)
 
 
@@ -222,7 +224,7 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
         if np.linalg.norm(error) < most:
             one, _ = _checked(interpolated(record, count), loop)
             if not one.mismatch and one.delay == declared:
-                return replace(one, apart=count)
+                return replace(one, oversampling=count)
     return found
 
 

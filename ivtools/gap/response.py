@@ -79,11 +79,11 @@ class Response:
 
 
 def measure(
-    loop: ClosedLoop, record: Record, values: Mapping[str, float], apart: int = 1
+    loop: ClosedLoop, record: Record, values: Mapping[str, float], oversampling: int = 1
 ) -> Response:
     """Measure the impulse response on the loop without dry friction and limits.
 
-    Its controller takes `apart` samples for each of the record.
+    Its controller takes `oversampling` samples for each of the record.
     """
     linear = replace(
         loop.with_terms("inertia", "viscous"),
@@ -97,7 +97,8 @@ def measure(
     size = float(np.sqrt(np.mean(loop.force(record) ** 2)))
     force[at] = -size
     both = (
-        between.simulate(linear, record, theta, apart, force_noise=f) for f in (force, 0 * force)
+        between.simulate(linear, record, theta, oversampling, force_noise=f)
+        for f in (force, 0 * force)
     )
     answers = [simulation.nu[:, 0] for simulation in both]
     length = min(round(RESPONSE_TIME / record.dt), record.n_samples - at)

@@ -106,7 +106,7 @@ EDGES = 6.0
 SMOOTHED = (0.12, 1.5)
 #: Strokes between the middle of the motion and the origin of its positions from which they are
 #: counted from nearer (training: of 15 forces over positions 14 have a name 1.5 strokes away, 11
-#: four, eight 20 and six a thousand; counted from near all of them).
+#: four, eight 20 and six a thousand; counted from near, at 1.5 and a thousand, all of them).
 FAR = 1.0
 #: Multiples of its powers are round numbers (definition).
 ROUND = 10.0

@@ -180,8 +180,9 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         ]
         if loop.controller.kind != "none" and any(r.driven for r in ready):
             found.append(preflight.HELD)
-        apart = checked[0].apart
-        third = None if task.judge is None else _judging(task.judge, loop, records, links[2], apart)
+        third = None
+        if task.judge is not None:
+            third = _judging(task.judge, loop, records, links[2], checked[0].oversampling)
         loop = _alike(preflight.told_apart(records, loop), ready[0])
         measured = _confirmed(loop, tuple(threaded(measure, ready)))
     except IVToolsError as error:
@@ -251,13 +252,16 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Fin
     one log, and no loop of their own to tell by.
     """
     roles, given = zip(*task.given.items(), strict=True)
-    apart = 1 if task.loop.controller.kind == "identify" else 0  # it has the rate of the log
-    checked = threaded(lambda one: parity.check(one, loop, False, apart), given)
-    apart = max(p.apart for p in checked)  # one log tells it where another one has much noise
-    if any(p.apart < apart for p in checked):
-        checked = threaded(lambda one: parity.check(one, loop, False, apart), given)
-    if apart > 1:
-        return task, checked, [preflight.faster(apart)]
+    # an identified law has the rate of the log
+    rate = 1 if task.loop.controller.kind == "identify" else 0
+    checked = threaded(lambda one: parity.check(one, loop, False, rate), given)
+    rate = max(p.oversampling for p in checked)  # one log tells it where another has much noise
+    if rate > 1:
+        again = zip(given, checked, strict=True)
+        checked = [
+            p if p.oversampling == rate else parity.check(r, loop, False, rate) for r, p in again
+        ]
+        return task, checked, [preflight.faster(rate)]
     if task.links or loop.controller.kind == "none":
         return task, checked, []
     said: list[Finding] = []
@@ -327,8 +331,8 @@ def _inspected(
 
     def known(record: Record, p: Parity) -> Parity:
         """Ask the record for its own law where the declared one explains little."""
-        poor = p.after > PARITY_POOR and p.apart == 1
-        return parity.check(record, loop, apart=1) if poor else p
+        poor = p.after > PARITY_POOR and p.oversampling == 1
+        return parity.check(record, loop, oversampling=1) if poor else p
 
     checked = tuple(threaded(known, records, compared))
     seen = threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
@@ -339,10 +343,14 @@ def _inspected(
 
 
 def _judging(
-    judge: Record, loop: ClosedLoop, records: Sequence[Record], link: Link | None, apart: int
+    judge: Record,
+    loop: ClosedLoop,
+    records: Sequence[Record],
+    link: Link | None,
+    oversampling: int,
 ) -> Measured:
     """Return the record that takes part in nothing, measured as the others are."""
-    ready = prepared(judge, parity.check(judge, loop, apart=apart), records)
+    ready = prepared(judge, parity.check(judge, loop, oversampling=oversampling), records)
     return measure(ready._replace(link=link))
 
 

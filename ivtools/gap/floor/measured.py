@@ -113,15 +113,17 @@ def fitted(ready: Ready) -> Fitted:
     if not driven and record.added is not None and "added" in checked.mismatch:
         record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
     scales = Scales(record, loop)
-    values = start(Fold(record, usable(record, loop)), loop)
+    keep = usable(record, loop)
+    values = start(Fold(record, keep), loop)
     if not values.get("inertia", 1.0) > 0.0:  # a pendulum or a spring that the model lacks
         values = {**values, "inertia": rough_inertia(loop, record)}
-    apart = 1 if driven else checked.apart
-    heard = response.measure(loop, record, values, apart)
-    keep = usable(record, loop)
-    if apart > 1:  # of when it stepped the log has nothing nearer than its samples
-        keep &= ~stepped(record)
-    fold = Fold(record, keep, np.ones(1), heard, record.name, place, ramp, apart=apart)
+    oversampling = 1 if driven else checked.oversampling
+    heard = response.measure(loop, record, values, oversampling)
+    if oversampling > 1:  # of when it stepped the log has nothing nearer than its samples
+        keep = keep & ~stepped(record)
+    fold = Fold(
+        record, keep, np.ones(1), heard, record.name, place, ramp, oversampling=oversampling
+    )
     step = steps(loop, scales)
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
     fit = gauss_newton(fold, loop, values, free, step)

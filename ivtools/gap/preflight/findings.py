@@ -215,7 +215,7 @@ def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]
 
 def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     """Say which law the record shows; only a unit, a sign, or a command without law is fatal."""
-    if parity.apart > 1:  # its settings explain the command at that rate
+    if parity.oversampling > 1:  # its settings explain the command at that rate
         return []
     gross = {n: v for n, v in parity.mismatch.items() if abs(v) > GROSS_GAIN}
     if parity.trustworthy and not gross and not parity.taken:

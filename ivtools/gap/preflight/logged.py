@@ -1,7 +1,8 @@
 """Logged: what a log has made of the signals that the controller had.
 
 A reference with fewer digits: a law that follows the speed differentiates it, and a step of the log
-becomes a speed of a step per sample that nobody asked for. A command some samples late or early.
+becomes a speed of a step per sample that nobody asked for. Positions that are counted from far
+away. A command some samples late or early, or one of several.
 """
 
 from __future__ import annotations
@@ -82,27 +83,6 @@ def smoothed(x: Array, step: float) -> Array:
     return x
 
 
-class Moved(NamedTuple):
-    """A record whose command acted some samples before it was logged, after it if negative.
-
-    Attributes
-    ----------
-    samples : int
-    record : Record
-    checked : Parity
-    """
-
-    samples: int
-    record: Record
-    checked: Parity
-
-    @classmethod
-    def by(cls, samples: int, record: Record, loop: ClosedLoop) -> Moved:
-        """Move the command of a record."""
-        other = earlier(record, samples)
-        return cls(samples, other, parity.check(other, loop, read=False, apart=1))
-
-
 def origin(record: Record, terms: Iterable[Term], loop: ClosedLoop) -> float:
     """Return from where positions are better counted, m or rad; 0 if from where they are.
 
@@ -148,6 +128,27 @@ def near(start: float, loop: ClosedLoop) -> Finding:
         f"and in the parameters of what is named, it is counted from {where}"
     )
     return Finding(text, fatal=False)
+
+
+class Moved(NamedTuple):
+    """A record whose command acted some samples before it was logged, after it if negative.
+
+    Attributes
+    ----------
+    samples : int
+    record : Record
+    checked : Parity
+    """
+
+    samples: int
+    record: Record
+    checked: Parity
+
+    @classmethod
+    def by(cls, samples: int, record: Record, loop: ClosedLoop) -> Moved:
+        """Move the command of a record."""
+        other = earlier(record, samples)
+        return cls(samples, other, parity.check(other, loop, read=False, oversampling=1))
 
 
 def lateness(record: Record, loop: ClosedLoop, checked: Parity) -> Moved | None:
