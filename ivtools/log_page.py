@@ -48,7 +48,8 @@ def log_page(
         return out
     tables = [_stated(loop) if fit is None else fit.summary()]
     try:
-        figures = [parity_chart(record, loop, caption=_PARITY)]
+        rate = found.parity.oversampling if found.parity else 1
+        figures = [parity_chart(record, loop, caption=_PARITY, oversampling=rate)]
     except IVToolsError as error:
         out.add("Controller", f"The law cannot be compared with the command: {error}.")
         return out

@@ -127,7 +127,8 @@ def _law(
         return None
     try:
         shown = record.longest.liveliest()
-        parity = check_parity(shown, loop.known(record))
+        identified = loop.controller.kind == "identify"  # its law has the rate of the log
+        parity = check_parity(shown, loop.known(record), oversampling=int(identified))
     except IVToolsError as error:
         advice.append(f"the control law cannot be compared: {error}")
         return None
@@ -135,6 +136,8 @@ def _law(
     kind = parity.declared.kind if parity.declared else loop.known(record).controller.kind
     where = _where(shown, record.longest)
     rows.append(("parity R2", f"{r2:.4f}", f"of the law in the axis file ({kind}){where}"))
+    if parity.oversampling > 1:
+        rows.append(("its rate", f"{parity.oversampling} times", "that of the log"))
     if parity.after < parity.before - 1e-3:
         rows.append(("", f"{1.0 - parity.after**2:.4f}", "as the record has it"))
     rows.append(("at limit", f"{100 * parity.clipped:.1f} %", "of the samples"))

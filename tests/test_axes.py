@@ -173,7 +173,7 @@ def test_the_mask_leaves_rows_that_have_a_direction(case):
 def test_no_fixed_cut_off_is_much_better(factor):
     """The default is within a factor of 2 of the others, in RMSE over five records, as a rule."""
     ratios = []
-    for case in population(12, seed=37, noise="white"):
+    for case in population(36, seed=37, noise="white"):
         errors = {1.0: [], factor: []}
         for seed in range(5):
             record = case.record(seed)

@@ -11,6 +11,8 @@ from ivtools.gap import between, parity, preflight
 from ivtools.gap.fold import stepped
 from ivtools.gap.preflight import logged
 from ivtools.loop import Controller
+from ivtools.plots.parity import parity_chart
+from ivtools.suitability import suitability
 
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 SECONDS, STEP = 8.0, 2e-6
@@ -178,6 +180,17 @@ def test_of_a_step_that_a_log_has_between_its_samples_nothing_is_asked():
     assert shows[since < 0.14].all() and not shows[since > 0.16].any()
     always = np.random.default_rng(0).choice([-1.0, 1.0], record.n_samples)
     assert not stepped(record.replace(added=always)).any() and not stepped(record).any()
+
+
+def test_a_first_look_compares_the_law_at_its_rate():
+    loop = iv.axes.emps()
+    found = suitability(sparse(pair(loop)[0], 4), loop)
+    assert found.sufficient and ("its rate", "4 times", "that of the log") in found.rows
+    left = []
+    for rate in (1, 4):
+        chart = parity_chart(found.record, loop, caption="", oversampling=rate)
+        left.append(np.std(chart.panels[1].series[0].values[parity.PARITY_HEAD :]))
+    assert left[1] < 0.1 * left[0]
 
 
 def test_gains_that_are_wrong_are_no_matter_of_the_rate():

@@ -23,6 +23,8 @@ _FINER: WeakKeyDictionary[Record, dict[int, Record]] = WeakKeyDictionary()
 
 def interpolated(record: Record, count: int) -> Record:
     """Return a record with so many samples for each; an added input is held between them."""
+    if count == 1:
+        return record
     kept = _FINER.setdefault(record, {})
     if count not in kept:
         kept[count] = _interpolated(record, count)

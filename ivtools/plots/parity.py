@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ivtools.gap.between import interpolated
 from ivtools.gap.parity import Signals
 from ivtools.plots.chart import Chart, Panel, Series, inner_limits, worst
 
@@ -14,7 +15,9 @@ if TYPE_CHECKING:
     from ivtools.record import Record
 
 
-def parity_chart(record: Record, loop: ClosedLoop, *, caption: str) -> Chart:
+def parity_chart(
+    record: Record, loop: ClosedLoop, *, caption: str, oversampling: int = 1
+) -> Chart:
     """Return the command, recorded and by the law, and their difference, as a chart.
 
     Parameters
@@ -25,6 +28,8 @@ def parity_chart(record: Record, loop: ClosedLoop, *, caption: str) -> Chart:
         Its controller is a law.
     caption : str
         Of the chart on its page.
+    oversampling : int
+        Samples of the controller from one sample of the log to the next.
 
     Examples
     --------
@@ -33,9 +38,9 @@ def parity_chart(record: Record, loop: ClosedLoop, *, caption: str) -> Chart:
     >>> [panel.quantity for panel in made.panels]
     ['command', 'command less law']
     """
-    signals = Signals(record, loop)
-    error = signals.error(loop.controller, loop.controller.delay, 0.0)
-    recorded = signals.command
+    signals = Signals(interpolated(record, oversampling), loop)
+    error = signals.error(loop.controller, loop.controller.delay, 0.0)[::oversampling]
+    recorded = signals.command[::oversampling]
     both = (
         Series("recorded", recorded, "measured"),
         Series("by the law", recorded - error, "model"),
