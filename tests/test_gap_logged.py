@@ -147,6 +147,16 @@ def test_a_log_of_some_of_the_samples_is_no_fault_of_the_controller(count):
     assert len(said(found, f"takes {count} samples for each of the log")) == 1
 
 
+@pytest.mark.parametrize("count", [3, 8, 16, 20])
+def test_a_drive_is_as_much_faster_than_its_log_as_its_settings_say(count, monkeypatch):
+    """At 20 kHz noise of the encoder hides some of its delay."""
+    monkeypatch.setattr(moves, "DT", 1e-3 / count)
+    loop = iv.axes.emps()
+    found = parity.check(sparse(pair(loop)[0], count), loop, read=False)
+    assert found.oversampling == count and not found.mismatch
+    assert found.delay == loop.controller.delay and found.after < 0.03
+
+
 @pytest.mark.parametrize("count", [2, 5, 10])
 def test_a_controller_is_simulated_at_its_own_rate(count):
     """What it does at the samples of the log is what it does there if all of them are logged."""

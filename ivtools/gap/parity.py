@@ -29,6 +29,7 @@ from .rules import (
     CUT,
     CUT_SHARE,
     FASTER,
+    FASTER_LATE,
     FASTER_TOLD,
     FLAT,
     FLATTER,
@@ -218,13 +219,18 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     here = Signals(part, loop)
     left = here.error(found.loop.controller, found.delay, added)[PARITY_HEAD:]
     most = min(np.linalg.norm(left), LAW_ERROR * np.linalg.norm(here.command[PARITY_HEAD:]))
+    tried = {}
     for count in FASTER:
         fine = Signals(interpolated(part, count), loop)
         error = fine.error(limited, declared, 0.0)[count * PARITY_HEAD :: count]
-        if np.linalg.norm(error) < most:
-            one, _ = _checked(interpolated(record, count), loop)
-            if not one.mismatch and one.delay == declared:
-                return replace(one, oversampling=count)
+        tried[count] = float(np.linalg.norm(error))
+    count = min(tried, key=lambda n: tried[n])
+    if tried[count] < most:
+        one, _ = _checked(interpolated(record, count), loop)
+        if not one.mismatch and abs(one.delay - declared) < FASTER_LATE * count:
+            law = replace(one.loop.controller, delay=declared)
+            one = replace(one, loop=replace(loop, controller=law), delay=declared)
+            return replace(one, oversampling=count)
     return found
 
 

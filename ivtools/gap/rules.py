@@ -116,8 +116,12 @@ REFERENCE_BETTER = 0.7
 #: Samples by which a log is late that are tried where the law explains little as it is; the first,
 #: ahead of the position, where no law can be, wherever the command is not late (judgement).
 LATENESS = (-1, 1, 2)
-#: Samples of the controller per sample of a log that are tried (judgement).
-FASTER = (2, 4, 5, 10)
+#: Samples of the controller per sample of a log that are tried (judgement: drives of up to 20 kHz
+#: that are logged at 1 kHz).
+FASTER = (2, 3, 4, 5, 8, 10, 16, 20)
+#: Samples of a log by which the delay that it shows then differs at most (training: 0.2 where noise
+#: of the encoder hides it).
+FASTER_LATE = 0.25
 #: Samples of a log that tell which (cost).
 FASTER_TOLD = 4000
 #: Share of the parity error's energy around one sample that points to a bad row (judgement).

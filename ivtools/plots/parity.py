@@ -15,9 +15,7 @@ if TYPE_CHECKING:
     from ivtools.record import Record
 
 
-def parity_chart(
-    record: Record, loop: ClosedLoop, *, caption: str, oversampling: int = 1
-) -> Chart:
+def parity_chart(record: Record, loop: ClosedLoop, *, caption: str, oversampling: int = 1) -> Chart:
     """Return the command, recorded and by the law, and their difference, as a chart.
 
     Parameters

@@ -255,8 +255,8 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Fin
     # an identified law has the rate of the log
     rate = 1 if task.loop.controller.kind == "identify" else 0
     checked = threaded(lambda one: parity.check(one, loop, False, rate), given)
-    rate = max(p.oversampling for p in checked)  # one log tells it where another has much noise
-    if rate > 1:
+    if fast := [p for p in checked if p.oversampling > 1]:
+        rate = min(fast, key=lambda p: p.after).oversampling  # noise hides it in the others
         again = zip(given, checked, strict=True)
         checked = [
             p if p.oversampling == rate else parity.check(r, loop, False, rate) for r, p in again
