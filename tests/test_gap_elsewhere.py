@@ -200,6 +200,8 @@ def test_a_limit_that_is_rarely_reached_is_found_beside_standstill(share):
     gap = iv.diagnose(one, loop, two)
     assert gap.effects == ("inner-saturation",)
     assert gap.parameters["inner-saturation"]["force"] == pytest.approx(limit, rel=0.03)
+    assert any(f.isolated for f in gap.floors)  # it stands out of the base model
+    assert not any("far above the noise" in line for line in gap.advice)
 
 
 # -- what comes from outside -----------------------------------------------------------------------

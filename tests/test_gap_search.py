@@ -433,6 +433,20 @@ def test_drifts_are_compared_while_both_records_last():
     assert gap.effects == ("offset-drift",)
 
 
+@pytest.mark.parametrize("left", [0.4, 1.0])
+def test_a_drift_goes_on_in_the_next_record(left):
+    """What settles has less left to go there; a drift of another sign is another one."""
+    term, rate, curvature = "offset-drift", 1.2, -0.06
+    for share, found in ((left, (term,)), (-left, ())):
+        records = [
+            moves.record(*axis(term, rate=s * rate, curvature=s * curvature), 10.0, seed)
+            for seed, s in ((1, 1.0), (2, share))
+        ]
+        gap = iv.diagnose(records[0], iv.axes.emps(), records[1])
+        assert gap.effects == found, (share, gap.effects)
+        assert not found or gap.replicas[0].replicates
+
+
 def test_an_encoder_that_was_homed_anew_is_still_eccentric():
     """Its phase is another one in each record."""
     wave = {"period": 0.004, "sine": 0.0}

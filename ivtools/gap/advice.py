@@ -27,6 +27,7 @@ from .rules import (
     DITHER,
     DITHER_HZ,
     DITHER_LINES,
+    MOST,
     NOISY,
     PACES,
     REMARK,
@@ -166,6 +167,15 @@ def motions(result: Attribution) -> list[str]:
     return lines
 
 
+def _left(m: Measured, base: Fit, held: Fit) -> list[tuple[float, float]]:
+    """Return the stretches that stand out of a record, s, of which names leave most."""
+    t = m.fold.record.t[m.fold.keep]
+    before, after = (m.fold.error(f.loop, f.values) ** 2 for f in (base, held))
+    inside = [(t >= a) & (t <= b) for a, b in m.floor.events]
+    pairs = zip(m.floor.events, inside, strict=True)
+    return [span for span, at in pairs if after[at].sum() >= MOST * before[at].sum()]
+
+
 def remarks(
     loop: ClosedLoop,
     measured: tuple[Measured, ...],
@@ -175,7 +185,7 @@ def remarks(
 ) -> list[str]:
     """Return what a person should know about the records, of which so many were given."""
     lines = []
-    for m, compared in zip(measured, result.base, strict=False):
+    for m, compared, held in zip(measured, result.base, result.held, strict=False):
         p, name = m.parity, m.fold.record.name
         beyond = 1.0 - compared.fold.common.n_kept / m.fold.n_kept
         if held_out and not m.floor.isolated and beyond > REMARK:
@@ -195,10 +205,10 @@ def remarks(
                 f"{name}: the added input acts with {1.0 + p.mismatch['added']:.4g} times its "
                 "recorded size"
             )
-        if m.floor.isolated:
-            when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in m.floor.events[:6])
-            said = "stretches far above the noise, which no smooth law explains"
-            lines.append(f"{name}: {said}: {when}")
+        if m.floor.isolated and (stretches := _left(m, compared, held)):
+            when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in stretches[:6])
+            what = "nothing that is named" if result.named else "no smooth law"
+            lines.append(f"{name}: stretches far above the noise, which {what} explains: {when}")
         if m.floor.between is None and m.floor.noise > NOISY * m.force:
             lines.append(
                 f"{name}: {percent(m.floor.noise / m.force)} of the force counts as noise, "

@@ -12,7 +12,7 @@ from ..loop import ClosedLoop
 from ..record import Record
 from ..units import JOINTS, plain_number, prefixed
 from .attribute import Attribution
-from .candidate import phases
+from .candidate import gone_on, phases
 from .fit import Fit, gauss_newton, steps
 from .floor import Floor, Measured
 from .fold import Fold
@@ -308,7 +308,7 @@ def judge(loop: ClosedLoop, third: Measured, result: Attribution) -> Judged:
     model = replace(fit.loop, controller=third.base.loop.controller)
     start = {**fit.values, **{n: third.base.values[n] for n in third.base.free}}
     step = steps(model, third.side.scales)
-    after = gauss_newton(third.fold, model, start, free, step)
+    after = gone_on(gauss_newton(third.fold, model, start, free, step), step)
     still = replace(after, values=_handed_over(fit, after))
     e, kept = after.force_error, still.force_error
     return Judged(

@@ -5,7 +5,7 @@ attempt     the fits on each fold, and on the other one with its values frozen
 trial       what they tell
 """
 
-from .attempt import attempt, deeper, frozen, phases, retuned
+from .attempt import attempt, deeper, frozen, gone_on, phases, retuned
 from .trial import Trial
 
-__all__ = ["Trial", "attempt", "deeper", "frozen", "phases", "retuned"]
+__all__ = ["Trial", "attempt", "deeper", "frozen", "gone_on", "phases", "retuned"]

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from ...loop import ClosedLoop
 from ...physics import Term
 from ...workers import threaded
-from ..fit import Fit, common, gauss_newton, steps
+from ..discrepancy import beside
+from ..fit import Fit, common, gauss_newton, jacobian, steps
 from ..fold import Side
-from ..rules import NARROW, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
+from ..rules import GOES_ON, NARROW, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
 from ..screen import Score
 from .starts import Point, beginning, starts
 from .trial import Trial
@@ -131,7 +134,33 @@ def retuned(side: Side, fit: Fit, own: Fit) -> Fit:
     step = steps(fit.loop, side.scales)
     smooth = not any(t.search == "valleys" for t in fit.loop.terms)
     near = own if smooth and own.fold is side.fold else None
-    return gauss_newton(side.fold, fit.loop, start, free, step, RETUNED, near)
+    return gone_on(gauss_newton(side.fold, fit.loop, start, free, step, RETUNED, near), step)
+
+
+def gone_on(held: Fit, step: Mapping[str, float]) -> Fit:
+    """Return a fit whose drifts, of a form that is known, are as large as its fold has them.
+
+    How far what warms, or settles, still has to go is a matter of when a record begins.
+
+    Parameters
+    ----------
+    held : Fit
+        With drifts that another fold found.
+    step : mapping
+        Finite-difference steps.
+    """
+    for term in held.loop.terms:
+        pairs = zip(term.names, term.parameters, strict=True)
+        known = [n for n, p in pairs if p.linear and held.values[n] and n not in held.free]
+        if not (term.of_time and known and held.simulation.finite):
+            continue
+        J = jacobian(held.fold, held.loop, held.values, known, step, held.simulation, held.e)
+        change = beside(held, J @ [[held.values[n]] for n in known])[:, 0]
+        size = 1.0 - float(change @ held.e) / max(float(change @ change), 1e-300)
+        size = float(np.clip(size, 1.0 / GOES_ON, GOES_ON))
+        values = {**held.values, **{n: size * held.values[n] for n in known}}
+        held = gauss_newton(held.fold, held.loop, values, held.free, step, RETUNED, held)
+    return held
 
 
 def phases(loop: ClosedLoop) -> set[str]:

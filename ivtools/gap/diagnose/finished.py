@@ -72,7 +72,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     changed = {} if bent else verdict.changes(result, task.tolerance)
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
     nameless = word == "unexplained" and tell and left is None
-    remark = verdict.remainder(result.held, shrink) if nameless else None
+    remark = verdict.remainder(result.held, shrink, result.supposed) if nameless else None
     return Diagnosis(
         verdict=word,
         effects=effects,

@@ -138,11 +138,12 @@ def _limits(loop: ClosedLoop, one: Measured) -> bool:
 def _hidden(other: Measured, result: Attribution) -> bool:
     """Whether a record that shows no gap shows none with the effects of another one either.
 
-    Of a line over position with the phase that suits it best, and as large as there.
+    Of a line over position with the phase that suits it best; all are as large as there.
     """
     there = result.fits[0]
     here = retuned(other.side, there, other.base)
-    values = dict(here.values)
+    drifts = [n for t in here.loop.terms if t.of_time for n in t.names]
+    values = {**here.values, **{n: there.values[n] for n in drifts}}
     for names in (t.phases for t in here.loop.terms if t.phases):
         size, own = (float(np.linalg.norm([f.values[n] for n in names])) for f in (there, here))
         values |= {n: here.values[n] * size / max(own, 1e-300) for n in names}

@@ -8,8 +8,8 @@ from itertools import cycle
 
 import numpy as np
 
-from ...units import quantity
-from ..attribute import Attribution, cost
+from ...units import percent, quantity
+from ..attribute import Attribution, Supposed, cost
 from ..fit import Fit, common, gauss_newton, steps
 from ..floor import Measured
 from ..library import Scales
@@ -249,7 +249,9 @@ def may_swing(effects: Sequence[str]) -> Finding:
     return Finding(f"{text}: nothing is named", fatal=False)
 
 
-def remainder(held: Sequence[Fit], shrink: Shrink) -> Finding | None:
+def remainder(
+    held: Sequence[Fit], shrink: Shrink, supposed: Supposed | None = None
+) -> Finding | None:
     """Return what to say of a gap that no law describes; None if it is hardly above the floor.
 
     Parameters
@@ -257,7 +259,13 @@ def remainder(held: Sequence[Fit], shrink: Shrink) -> Finding | None:
     held : sequence of Fit
         The model with all that is named, on each fold.
     shrink : Shrink
+    supposed : Supposed, optional
+        An effect that removes most of it, and has no name.
     """
+    if supposed is not None:
+        text = f"{supposed.effect} by itself removes {percent(supposed.gain)} of the error on "
+        why = "held-out data, and is not named: what it leaves shows that something else may be it"
+        return Finding(text + why, fatal=False)
     if cost(common(held)) - 1.0 < MOST * (cost(held) - 1.0):
         return ELSEWHERE
     return OUTSIDE if shrink.after > OVER_FLOOR * shrink.floor else None

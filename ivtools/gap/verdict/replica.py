@@ -130,13 +130,17 @@ def _fitted(
         size = f"{effect}.amplitude"
         pairs, units = _without_phase(pairs, turned, size), {**units, size: units[turned[0]]}
     pairs = {n: p for n, p in pairs.items() if p != (0.0, 0.0)}
-    either = next(t.search for t in loop.terms if t.name == effect) == "either"
-    if either and len(pairs) > 1:  # of which one side may have taken the one, and one the other
+    term = next(t for t in loop.terms if t.name == effect)
+    if (
+        term.search == "either" and len(pairs) > 1
+    ):  # of which one side may have taken the one, and one the other
         pairs, units = _summed(pairs), {" + ".join(pairs): units[min(pairs)]}
     sizes = [n for n in pairs if n.endswith(".amplitude") or _linear(loop, n)] or list(pairs)
     x = np.array([pairs[n] for n in sizes]).reshape(-1, 2)
     known = bool(sizes) and made.keys() >= {*sizes}
     does = np.column_stack([made[n] for n in sizes]) @ x if known else _relative(x)
+    if term.of_time:  # how much is left of it is a matter of when the record began
+        does = does / np.maximum(np.linalg.norm(does, axis=0), 1e-300)
     agree = _agree(does) if sizes else None
     short = {n: n.replace(f"{effect}.", "") for n in pairs}
     return Replica(
