@@ -209,9 +209,10 @@ def remarks(
             when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in stretches[:6])
             what = "nothing that is named" if result.named else "no smooth law"
             lines.append(f"{name}: stretches far above the noise, which {what} explains: {when}")
-        if m.floor.between is None and m.floor.noise > NOISY * m.force:
+        noise = min(m.floor.noise, m.base.force_rms)  # a model of it is rough at its lowest hertz
+        if m.floor.between is None and noise > NOISY * m.force:
             lines.append(
-                f"{name}: {percent(m.floor.noise / m.force)} of the force counts as noise, "
+                f"{name}: {percent(noise / m.force)} of the force counts as noise, "
                 "for no law of the motion describes it; a force from outside would look the same: "
                 "two records of one motion tell them apart"
             )

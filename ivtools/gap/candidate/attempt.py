@@ -54,10 +54,10 @@ def attempt(
         new = deeper(sides, new, term)
     made: Made = {}
     held = frozen(sides, new, made)
-    if any(
-        h.cost < n.cost for n, h in zip(new, held, strict=True)
-    ):  # stuck: the other knows better
-        new = tuple(threaded(_onwards, sides, new, held))
+    for _ in sides:  # what one has of the other may in turn be better than what that has itself
+        if not any(h.cost < n.cost for n, h in zip(new, held, strict=True)):
+            break
+        new = tuple(threaded(_onwards, sides, new, held))  # stuck: the other knows better
         held = frozen(sides, new, made)
     return Trial(term, new, held, before)
 
