@@ -15,11 +15,13 @@ from ..rules import (
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     LIKELY,
+    MOST,
     MOST_LEFT,
     NO_RIVAL,
     OUTDONE,
     SURE_APART,
     SUREST,
+    UNEVEN,
     UNEVEN_LEFT,
     UNLIKELY,
     WEIGHTS,
@@ -82,6 +84,15 @@ class Evidence:
     def outdone(self) -> bool:
         """Whether an effect that cannot be named removes more, and much of the gap is left."""
         return self.rival > OUTDONE and self.explained < ENOUGH
+
+    @property
+    def uneven(self) -> bool:
+        """Whether blocks of it differ so much in size that it only resembles what is there.
+
+        What a smooth law could not have, or stands beside one, is no such likeness.
+        """
+        smooth = not (self.stands or self.certain) and self.unlike < MOST
+        return smooth and self.evenness < UNEVEN
 
     @property
     def unrivalled(self) -> bool:
@@ -148,9 +159,9 @@ def probability(proof: Evidence) -> float:
 
     The weights come from withheld effects of other seeds than those of the published proof
     (benchmarks/withheld/weights.py); what was hidden there is in the library, so a probability
-    holds as far as the cause is one of the known effects. An effect that another one outdoes is
-    `UNLIKELY`, one without a rival is right with `SURE_APART` at least, and none is surer than
-    `SUREST`.
+    holds as far as the cause is one of the known effects. An effect that another one outdoes, or
+    that is uneven, is `UNLIKELY`, one without a rival is right with `SURE_APART` at least, and none
+    is surer than `SUREST`.
 
     Parameters
     ----------
@@ -163,7 +174,7 @@ def probability(proof: Evidence) -> float:
     >>> probability(strong) > 0.95 > 0.5 > probability(weak)
     True
     """
-    if proof.outdone:
+    if proof.outdone or proof.uneven:
         return UNLIKELY
     z = WEIGHTS["constant"] + sum(WEIGHTS[n] * x for n, x in features(proof).items())
     least = SURE_APART if proof.unrivalled else 0.0
