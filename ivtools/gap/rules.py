@@ -546,9 +546,9 @@ ENOUGH = 0.9
 #: behind backgrounds, none).
 OUTDONE = 1.0
 #: Evenness below which what smooth laws could have, and does not stand beside one, only resembles
-#: what is there, whatever is left (training: smooth forces over position and speed, 4 to 170 times
-#: the noise, of another hand's generator: five names of four have 0.04 to 0.07; of 500 right ones
-#: one friction over position has less, 0.065, and two 0.08 and 0.09).
+#: what is there, whatever is left (training: smooth forces and a cable of another hand's generator,
+#: 4 to 170 times the noise: the six names of five have 0.02 to 0.07; of 500 right ones one friction
+#: over position has less, 0.065, and two 0.08 and 0.09).
 UNEVEN = 0.075
 #: Probability that such a name is right (theory: none of five, and one more of each).
 UNLIKELY = 0.14
