@@ -263,9 +263,9 @@ def remainder(
         An effect that removes most of it, and has no name.
     """
     if supposed is not None:
-        text = f"{supposed.effect} by itself removes {percent(supposed.gain)} of the error on "
-        why = "held-out data, and is not named: what it leaves shows that something else may be it"
-        return Finding(text + why, fatal=False)
+        removed = f"{supposed.effect} by itself removes {percent(supposed.gain)} of the error's "
+        why = "energy on held-out data; too little else speaks for it to be named"
+        return Finding(removed + why, fatal=False)
     if cost(common(held)) - 1.0 < MOST * (cost(held) - 1.0):
         return ELSEWHERE
     return OUTSIDE if shrink.after > OVER_FLOOR * shrink.floor else None

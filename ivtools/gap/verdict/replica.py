@@ -131,9 +131,7 @@ def _fitted(
         pairs, units = _without_phase(pairs, turned, size), {**units, size: units[turned[0]]}
     pairs = {n: p for n, p in pairs.items() if p != (0.0, 0.0)}
     term = next(t for t in loop.terms if t.name == effect)
-    if (
-        term.search == "either" and len(pairs) > 1
-    ):  # of which one side may have taken the one, and one the other
+    if term.search == "either" and len(pairs) > 1:  # each side may have taken another one
         pairs, units = _summed(pairs), {" + ".join(pairs): units[min(pairs)]}
     sizes = [n for n in pairs if n.endswith(".amplitude") or _linear(loop, n)] or list(pairs)
     x = np.array([pairs[n] for n in sizes]).reshape(-1, 2)
