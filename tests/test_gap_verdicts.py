@@ -279,6 +279,8 @@ def test_at_most_three_signals_of_a_force_without_a_name_are_told(over, signals,
         f"a force of 1.9 mN rms repeats over {said} and is not among the known effects; "
         f"a {kind} would leave about 0.9 of 2.5 mN rms"
     )
+    hardly = Discrepancy(1.9e-3, "N", over, 0.5, 2.5e-3, 2.49e-3, ())
+    assert hardly.text.endswith("would leave nearly all of 2.5 mN rms")
 
 
 def frayed(q, dq, ddq, sign, tau, t, size):

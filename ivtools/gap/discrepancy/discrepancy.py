@@ -98,7 +98,8 @@ class Discrepancy:
         """What of the force error it leaves, in words."""
         factor, unit = prefixed(self.before, self.unit)
         after, before = (plain_number(factor * x, 2) for x in (self.after, self.before))
-        return f"about {after} of {before} {unit} rms"
+        share = "nearly all" if after == before else f"about {after}"
+        return f"{share} of {before} {unit} rms"
 
     @property
     def along(self) -> str:
