@@ -22,6 +22,7 @@ from ..rules import (
     SURE_APART,
     SUREST,
     UNEVEN,
+    UNEVEN_LEAVES,
     UNEVEN_LEFT,
     UNLIKELY,
     WEIGHTS,
@@ -89,10 +90,11 @@ class Evidence:
     def uneven(self) -> bool:
         """Whether blocks of it differ so much in size that it only resembles what is there.
 
-        What a smooth law could not have, or stands beside one, is no such likeness.
+        What a smooth law could not have, or stands beside one, is no such likeness, nor is what
+        hardly leaves anything.
         """
         smooth = not (self.stands or self.certain) and self.unlike < MOST
-        return smooth and self.evenness < UNEVEN
+        return smooth and self.evenness < UNEVEN and self.left > UNEVEN_LEAVES
 
     @property
     def unrivalled(self) -> bool:
