@@ -170,6 +170,15 @@ def test_uneven_blocks_speak_only_against_a_name_that_a_smooth_law_could_stand_f
     assert probability(replace(proof, left=12.0, evenness=0.02)) < LIKELY  # but not without end
 
 
+def test_a_likeness_that_fits_some_blocks_far_better_than_others_has_no_name():
+    """As strong as any other evidence is: a smooth force 60 times the noise, called a spring."""
+    spring = Evidence(gain=0.9, t=34.0, disagreement=1.06, rival=0.0, share=0.95, left=3.8,
+                      explained=0.95, unlike=0.005, evenness=0.017)  # fmt: skip
+    assert probability(spring) < LIKELY
+    for other in ({"stands": True}, {"unlike": 0.9}, {"left": 1.3, "t": 380.0}, {"evenness": 0.2}):
+        assert probability(replace(spring, **other)) >= LIKELY, other
+
+
 def test_a_name_that_another_effect_outdoes_is_none_while_a_gap_is_left():
     proof = Evidence(gain=0.3, t=60.0, disagreement=1.1, rival=1.6, share=0.7, left=1.3,
                      explained=0.7, unlike=0.9, evenness=0.3)  # fmt: skip
