@@ -545,11 +545,12 @@ ENOUGH = 0.9
 #: position of MuJoCo's called friction; of 282 true ones, of single effects, pairs, MuJoCo's and
 #: behind backgrounds, none).
 OUTDONE = 1.0
-#: Evenness below which what smooth laws could have, and does not stand beside one, only resembles
-#: what is there, and energy that it leaves then (training: smooth forces and a cable of another
-#: hand's generator, 4 to 170 times the noise: the six names of five have 0.02 to 0.07 and leave 2.6
-#: to 13; of 500 right ones a friction over position has less, 0.065, and leaves 2.2, and a
-#: friction that is regularised has 0.013 and leaves 1.3).
+#: Evenness below which what smooth laws could have but for `UNSHARED`, and does not stand beside
+#: one, only resembles what is there, and energy that it leaves then (training: smooth forces and a
+#: cable of another hand's generator, 4 to 170 times the noise: the six names of five have 0.02 to
+#: 0.07 and leave 2.6 to 13; of 500 right ones a friction over position has less, 0.065, and leaves
+#: 2.2, a limit of the drive has 0.03, and smooth laws a quarter of it less, and a friction that is
+#: regularised has 0.013 and leaves 1.3).
 UNEVEN, UNEVEN_LEAVES = 0.075, 2.0
 #: Probability that such a name is right (theory: none of five, and one more of each).
 UNLIKELY = 0.14

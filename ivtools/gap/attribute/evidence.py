@@ -15,7 +15,6 @@ from ..rules import (
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     LIKELY,
-    MOST,
     MOST_LEFT,
     NO_RIVAL,
     OUTDONE,
@@ -25,6 +24,7 @@ from ..rules import (
     UNEVEN_LEAVES,
     UNEVEN_LEFT,
     UNLIKELY,
+    UNSHARED,
     WEIGHTS,
 )
 
@@ -90,10 +90,10 @@ class Evidence:
     def uneven(self) -> bool:
         """Whether blocks of it differ so much in size that it only resembles what is there.
 
-        What a smooth law could not have, or stands beside one, is no such likeness, nor is what
-        hardly leaves anything.
+        What smooth laws could not have all of, or stands beside one, is no such likeness, nor is
+        what hardly leaves anything.
         """
-        smooth = not (self.stands or self.certain) and self.unlike < MOST
+        smooth = not (self.stands or self.certain) and self.unlike < UNSHARED
         return smooth and self.evenness < UNEVEN and self.left > UNEVEN_LEAVES
 
     @property
