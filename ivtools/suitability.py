@@ -10,7 +10,7 @@ import numpy as np
 from .columns import UNITS
 from .display import Displayed
 from .errors import IVToolsError
-from .gap.parity import Parity
+from .gap.parity import Parity, at_rate
 from .gap.parity import check as check_parity
 from .problem import Problem
 from .tables import Text, table
@@ -127,8 +127,7 @@ def _law(
         return None
     try:
         shown = record.longest.liveliest()
-        identified = loop.controller.kind == "identify"  # its law has the rate of the log
-        parity = check_parity(shown, loop.known(record), oversampling=int(identified))
+        parity = check_parity(shown, loop.known(record), oversampling=at_rate(loop))
     except IVToolsError as error:
         advice.append(f"the control law cannot be compared: {error}")
         return None

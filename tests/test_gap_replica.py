@@ -67,6 +67,16 @@ def test_sizes_that_trade_are_compared_by_what_they_do_together():
     assert replicas(*asked[:2], away, *asked[3:], made)[0].replicates is False
 
 
+def test_a_drift_agrees_but_for_its_size():
+    loop = iv.axes.emps().with_effect("offset-drift", rate=1.0, curvature=0.0)
+    one = {"offset-drift.rate": 1.0, "offset-drift.curvature": -0.05}
+    for share, agree, resized in ((0.9, True, False), (0.3, True, True), (-0.3, False, False)):
+        two = {n: share * x for n, x in one.items()}
+        (found,) = replicas(["offset-drift"], SIDES, (one, two), loop, ())
+        assert (found.replicates, found.resized) == (agree, resized)
+        assert ("but for its size" in found.text) is resized
+
+
 def test_a_periodic_effect_may_begin_anywhere():
     turn = np.exp(2.0j) * (3.0 + 4.0j)
     one = {"cosine": 3.0, "sine": 4.0, "period": 0.005}

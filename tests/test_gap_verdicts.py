@@ -12,12 +12,13 @@ from scipy import signal
 import ivtools as iv
 from benchmarks import moves
 from ivtools.errors import DataError, IVToolsError, RecordError
+from ivtools.gap.attribute import Supposed
 from ivtools.gap.attribute.kept import names_kept, outmatched
 from ivtools.gap.discrepancy import Basis, Columns, Discrepancy, Laws, Spline, stands
 from ivtools.gap.preflight import overlap, told_apart
 from ivtools.gap.quantify import Shrink
 from ivtools.gap.rules import Rules
-from ivtools.gap.verdict import lowers, no_better
+from ivtools.gap.verdict import lowers, no_better, remainder
 from ivtools.linalg.swing import Swing
 from ivtools.physics import EFFECTS, Parameter, Term
 from ivtools.plots.gap import gap as gap_figure
@@ -125,6 +126,15 @@ def test_names_that_fall_are_said_with_what_they_do(after, word):
     values = {"saturation": {"limit": 5.25}, "controller-mismatch": {"kp": 0.1}}
     said = no_better(["saturation", "controller-mismatch"], values, shrink).text
     assert word in said and "saturation (at 5.25), controller-mismatch in the model" in said
+
+
+def test_a_force_that_has_a_suspect_is_not_said_to_come_from_outside():
+    fit = SimpleNamespace(cost=5.0)
+    fit.common = fit
+    shrink = Shrink("N", 1.0, 1.0, 1.0, (0.9, 1.1), 0.2, False, 1.0, (0.9, 1.1), 20.0, {})
+    assert "something outside may make it" in remainder((fit, fit), shrink).text
+    said = remainder((fit, fit), shrink, Supposed("presliding", {}, 0.8)).text
+    assert said.startswith("presliding by itself removes 80 %") and "outside" not in said
 
 
 def test_a_judge_takes_part_in_nothing():

@@ -311,7 +311,8 @@ def named_table(diagnosis: Diagnosis) -> Text:
         twins = ", ".join(diagnosis.ambiguous_with.get(replica.effect, ())) or "-"
         chance = f"{100 * diagnosis.probability[replica.effect]:.0f} %"
         for k, name in enumerate(replica.values):
-            first = (_REPLICATES[replica.replicates], twins, chance) if k == 0 else ("", "", "")
+            agree = _REPLICATES[replica.replicates] + ", but for its size" * replica.resized
+            first = (agree, twins, chance) if k == 0 else ("", "", "")
             label = replica.effect if k == 0 else ""
             rows.append([label, name, replica.value(name, 0), replica.value(name, 1), *first])
     header = [

@@ -127,6 +127,14 @@ class Parity:
         return own | fed
 
 
+def at_rate(loop: ClosedLoop) -> int:
+    """Return the oversampling that is known of a declared loop; 0: its records show it.
+
+    A law that is identified has the rate of the log that it was identified from.
+    """
+    return int(loop.controller.kind == "identify")
+
+
 def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int = 0) -> Parity:
     """Compare the recorded command with the law fed with the measured position.
 

@@ -402,15 +402,15 @@ REACH = 3.0
 #: Jacobians of a fit at most; of one that begins near its end; of base parameters beside frozen
 #: effects (numerics).
 JACOBIANS, AGAIN, RETUNED = 8, 4, 3
+#: Factor by which a drift may be larger or smaller in the other record, which begins at another
+#: time (judgement: after 1.6 time constants a fifth of what settles is left).
+GOES_ON = 5.0
 #: Shares of a step that are tried until the error falls (numerics).
 SHORTER = (1.0, 0.3, 0.05)
 #: Starting points of an effect's shape at most (cost).
 MOST_SCANS = 400
 #: Jacobians that follow a narrow valley (training).
 VALLEY_STEPS = 24
-#: Factor by which a drift may be larger or smaller in the other record, which begins at another
-#: time (judgement: after 1.6 time constants a fifth of what settles is left).
-GOES_ON = 5.0
 #: Finite differences at the bottom of one, of those on the way there (training).
 NARROW = 0.1
 #: Share of the energy that a valley may leave to be worth following (training).

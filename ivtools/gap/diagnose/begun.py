@@ -252,8 +252,7 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Fin
     one log, and no loop of their own to tell by.
     """
     roles, given = zip(*task.given.items(), strict=True)
-    # an identified law has the rate of the log
-    rate = 1 if task.loop.controller.kind == "identify" else 0
+    rate = parity.at_rate(task.loop)
     checked = threaded(lambda one: parity.check(one, loop, False, rate), given)
     if fast := [p for p in checked if p.oversampling > 1]:
         rate = min(fast, key=lambda p: p.after).oversampling  # noise hides it in the others

@@ -37,6 +37,8 @@ class Replica:
         Unit of each parameter.
     replicates : bool or None
         Whether the sides agree; None if only one of them can show the effect.
+    resized : bool
+        Whether they agree but for the size of a drift, which has less left to go in one of them.
     """
 
     effect: str
@@ -44,6 +46,7 @@ class Replica:
     values: dict[str, Pair]
     units: dict[str, str]
     replicates: bool | None
+    resized: bool = False
 
     @property
     def text(self) -> str:
@@ -58,11 +61,12 @@ class Replica:
             False: "does not replicate, its values differ",
             None: "cannot be compared",
         }
+        but = ", but for its size, which is a matter of when a record begins" * self.resized
         one, two = self.sides
         shown = (
             f"{n} {self.value(n, 0)} on {one}, {self.value(n, 1)} on {two}" for n in self.values
         )
-        return f"{said[self.replicates]}: {'; '.join(shown)}"
+        return f"{said[self.replicates]}{but}: {'; '.join(shown)}"
 
     def value(self, name: str, side: int) -> str:
         """Return the value of a parameter on one side, with its unit."""
@@ -137,9 +141,9 @@ def _fitted(
     x = np.array([pairs[n] for n in sizes]).reshape(-1, 2)
     known = bool(sizes) and made.keys() >= {*sizes}
     does = np.column_stack([made[n] for n in sizes]) @ x if known else _relative(x)
-    if term.of_time:  # how much is left of it is a matter of when the record began
-        does = does / np.maximum(np.linalg.norm(does, axis=0), 1e-300)
-    agree = _agree(does) if sizes else None
+    agree, resized = _agree(does) if sizes else None, False
+    if term.of_time and agree is False:  # of the same form, it is as large as is left to go
+        agree = resized = _agree(does / np.maximum(np.linalg.norm(does, axis=0), 1e-300))
     short = {n: n.replace(f"{effect}.", "") for n in pairs}
     return Replica(
         effect,
@@ -147,6 +151,7 @@ def _fitted(
         {short[n]: p for n, p in pairs.items()},
         {short[n]: units[n] for n in pairs},
         agree,
+        resized,
     )
 
 
