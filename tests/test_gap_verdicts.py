@@ -15,7 +15,7 @@ from ivtools.errors import DataError, IVToolsError, RecordError
 from ivtools.gap.attribute import Supposed
 from ivtools.gap.attribute.kept import names_kept, outmatched
 from ivtools.gap.discrepancy import Basis, Columns, Discrepancy, Laws, Spline, stands
-from ivtools.gap.preflight import overlap, told_apart
+from ivtools.gap.preflight import identifiable, overlap
 from ivtools.gap.quantify import Shrink
 from ivtools.gap.rules import Rules
 from ivtools.gap.verdict import lowers, no_better, remainder
@@ -547,7 +547,7 @@ def test_friction_over_position_is_not_outdone_by_its_own_curve(
     term = EFFECTS[effect]
     trial = SimpleNamespace(term=term, name=effect, unlike=0.0, stands=lambda laws: False)
     told = names_kept([base, held], laws, [(trial,)], Rules())
-    assert (told.told, told.certain) == ((1, {effect}) if kept else (0, set()))
+    assert (told.unsurpassed, told.certain) == ((1, {effect}) if kept else (0, set()))
     told = names_kept([base, held], laws, [(trial,)], Rules(), effect)  # by a further sensor
     assert told == (1, 1, {effect})
 
@@ -634,9 +634,9 @@ def test_standing_still_with_a_coarse_encoder_is_not_the_same_record():
 def test_one_direction_of_motion_leaves_one_friction():
     t = np.arange(8000) * 1e-3
     there = iv.Record(t, q=t, q_ref=t, nu=np.sin(t))
-    assert "offset" not in told_apart([there], iv.axes.emps()).names
+    assert "offset" not in identifiable([there], iv.axes.emps()).names
     back = iv.Record(t, q=np.sin(t), q_ref=np.sin(t), nu=np.sin(t))
-    assert told_apart([back], iv.axes.emps()).names == iv.axes.emps().names
+    assert identifiable([back], iv.axes.emps()).names == iv.axes.emps().names
 
 
 def test_friction_that_remembers_use_is_a_law_of_its_own():

@@ -59,24 +59,24 @@ def page(diagnosis: Diagnosis) -> Page:
     from ..report import Page
 
     out = Page(f"Diagnosis of {diagnosis.name}", _lead(diagnosis), _card(diagnosis))
-    told = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
+    said = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
     shown = [named_table(diagnosis)] if diagnosis.replicas else []
     if diagnosis.changes:
         shown.append(changes_table(diagnosis.changes))
-    out.add("The answer", *gap_text(diagnosis), *told, tables=shown)
+    out.add("The answer", *gap_text(diagnosis), *said, tables=shown)
     if diagnosis.traces is None or diagnosis.shrink is None:
         return out
     about = _RECORD if diagnosis.effects else _RECORD_ALONE
     out.add("The record", figures=[figures.over_time(diagnosis, "record", about)])
     drawn = partial(_drawn, diagnosis)
     out.add("Where", _WHERE, figures=drawn(figures.WHERE))
-    told = [*map(sentence, diagnosis.said_of_beside), *_nothing(diagnosis)]
-    told += [sentence(SCREENED)] if any(not r.held_out for r in diagnosis.ranking[:8]) else []
+    said = [*map(sentence, diagnosis.said_of_beside), *_nothing(diagnosis)]
+    said += [sentence(SCREENED)] if any(not r.held_out for r in diagnosis.ranking[:8]) else []
     ranked = ranking_table(diagnosis)
     if diagnosis.verdict == "adequate":  # shares of next to nothing
-        out.add("Which effect", *told, folded=[(_OF_LITTLE, ranked)])
+        out.add("Which effect", *said, folded=[(_OF_LITTLE, ranked)])
     else:
-        out.add("Which effect", *told, tables=[ranked], figures=drawn(figures.WHICH))
+        out.add("Which effect", *said, tables=[ranked], figures=drawn(figures.WHICH))
     if (left := diagnosis.discrepancy) is not None:
         shown, curve = [_nameless_table(diagnosis, left)], figures.nameless_of(diagnosis)
         out.add("What has no name", _nameless(left), tables=shown, figures=drawn(curve))
@@ -108,7 +108,7 @@ def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
     from ..plots import gap as figures
 
     verdict = f"{diagnosis.verdict.capitalize()}: {diagnosis.why}."
-    told = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
+    said = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
     tables = [named_table(diagnosis)] if diagnosis.replicas else []
     charts: list[Picture | Chart] = []
     folded = []
@@ -125,7 +125,7 @@ def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
         title,
         verdict,
         *gap_text(diagnosis),
-        *told,
+        *said,
         *remarks,
         tables=tables,
         figures=charts,
@@ -188,7 +188,7 @@ def _card(diagnosis: Diagnosis) -> Card:
     from ..report import Card
 
     s = diagnosis.shrink
-    facts = [("Effects", told) for told in effects_text(diagnosis)]
+    facts = [("Effects", text) for text in effects_text(diagnosis)]
     if s is not None and not facts:
         facts = [("Effects", "none is named")]
     if s is not None:
@@ -236,7 +236,7 @@ def _fitted(replica: Replica, name: str) -> str:
 
 def effects_text(diagnosis: Diagnosis) -> list[str]:
     """Return each named effect with its values, how sure it is, and what it may also be."""
-    told = []
+    texts = []
     for effect in diagnosis.effects:
         replica = next((r for r in diagnosis.replicas if r.effect == effect), None)
         known = replica.values if replica else diagnosis.parameters.get(effect, {})
@@ -246,8 +246,8 @@ def effects_text(diagnosis: Diagnosis) -> list[str]:
         if effect in diagnosis.probability:
             text += diagnosis.chance(effect)
         twins = " or ".join(diagnosis.ambiguous_with.get(effect, ()))
-        told.append(f"{text}; may also be {twins}" if twins else text)
-    return told
+        texts.append(f"{text}; may also be {twins}" if twins else text)
+    return texts
 
 
 def gap_text(diagnosis: Diagnosis) -> list[str]:
@@ -265,8 +265,8 @@ def gap_text(diagnosis: Diagnosis) -> list[str]:
     if small := diagnosis.small:
         text = f"{small.capitalize()}: {text[0].lower()}{text[1:]}"
     if not diagnosis.effects:
-        told = f"{text},{_controller(s)} and the floor, which no model could go below, is {floor}."
-        return [f"{told}{_handed_over(s)}"]
+        text += f",{_controller(s)} and the floor, which no model could go below, is {floor}."
+        return [text + _handed_over(s)]
     return [
         f"{text},{_controller(s)} and {s.shown(s.after, s.interval)} (95 % interval) with "
         f"the named effects, judged on {judge}{'' if s.held_out else ' to'}. The floor is {floor}, "
@@ -289,11 +289,11 @@ def _nothing(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == "adequate":
         return ["Nothing is named: what is left is within the noise, or negligible."]
     best = next(iter(diagnosis.ranking), None)
-    told = ["Nothing is named: no known effect passed every test on held-out data."]
+    said = ["Nothing is named: no known effect passed every test on held-out data."]
     if best is not None:
         most = f"{best.effect} {100 * best.closed:.0f} % the most"
-        told.append(f"What each closes by itself is listed all the same, {most}.")
-    return [" ".join(told)]
+        said.append(f"What each closes by itself is listed all the same, {most}.")
+    return [" ".join(said)]
 
 
 def _controller(s: Shrink) -> str:

@@ -35,7 +35,7 @@ class Kept(NamedTuple):
     ----------
     most : int
         That may be given at all.
-    told : int
+    unsurpassed : int
         Of these, those that tell more than a force without a name does.
     certain : frozenset of str
         Names that are no guess: of what a further sensor in the law has measured, and of friction
@@ -43,7 +43,7 @@ class Kept(NamedTuple):
     """
 
     most: int
-    told: int
+    unsurpassed: int
     certain: frozenset[str] = frozenset()
 
 
@@ -102,10 +102,10 @@ def names_kept(
         alone = not least and outmatched(models[0], models[k], left[0], left[k], rules)
         return not alone or any(map(own, groups[:k]))
 
-    told = next((k for k in range(most, least, -1) if tell(k)), least)
-    if left and left[told].single:  # it is no law that may be like anything
-        most = told
-    return Kept(most, told, certain)
+    unsurpassed = next((k for k in range(most, least, -1) if tell(k)), least)
+    if left and left[unsurpassed].single:  # it is no law that may be like anything
+        most = unsurpassed
+    return Kept(most, unsurpassed, certain)
 
 
 def _timed(group: Sequence[Trial]) -> bool:

@@ -104,8 +104,8 @@ class Round:
         near = [t for t in self.trials if t is not best and t.gain >= least and t.sound]
         rivals = [t for t in near if best.correlation(t) > rules.correlation]
         if clean:
-            told = rules.distinguishable
-            rivals = [t for t in rivals if best.advantage(t) < told or _equal(t, best, TWIN)]
+            least = rules.distinguishable
+            rivals = [t for t in rivals if best.advantage(t) < least or _equal(t, best, TWIN)]
         return tuple(rivals)
 
     def ending(self, trial: Trial) -> Round:

@@ -73,11 +73,11 @@ def attribute(
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
     laws = Laws.of(models[0]) if left else None
     sensed = rounds[0].sensed if rounds else ""
-    most, told, certain = names_kept(models, laws, groups, rules, sensed)
+    most, unsurpassed, certain = names_kept(models, laws, groups, rules, sensed)
     fits, held = (ends[most - 1].fits, ends[most - 1].held) if most else (base, base)
     won = [t for group in groups[:most] for t in group]
     names = [t.name for t in won]
-    surpassed = frozenset(t.name for group in groups[told:most] for t in group)
+    surpassed = frozenset(t.name for group in groups[unsurpassed:most] for t in group)
     kept, fits, held = _backward(sides, base, fits, held, won)
     found = Attribution(base, fits, held, tuple(kept), rules, rounds, laws, surpassed, certain)
     found = selection.beside_others(found)
@@ -204,8 +204,8 @@ class _Selection:
             fewer = _without(self.sides, result.fits, name)
             held = frozen(self.sides, fewer)
             others = replace(other, fits=fewer, held=held, before=result.base)
-            alike = (t.name for t in result.rivals(result.winners[name][0]))
-            last = self.play([result.rounds[0].ending(others)], [name, *alike])
+            rivals = (t.name for t in result.rivals(result.winners[name][0]))
+            last = self.play([result.rounds[0].ending(others)], [name, *rivals])
             anew += [last] if last.best is not None and last.best.name == name else []
         return replace(result, rounds=(*result.rounds, *anew))
 
@@ -246,7 +246,7 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
     laws = Laws.of(models[0])
     before, held = models
     whole = tuple(replace(t, before=before, held=held) for _, t in found.winners.values())
-    if laws is None or names_kept(models, laws, [whole], found.rules).told:
+    if laws is None or names_kept(models, laws, [whole], found.rules).unsurpassed:
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 

@@ -183,7 +183,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         third = None
         if task.judge is not None:
             third = _judging(task.judge, loop, records, links[2], checked[0].oversampling)
-        loop = _alike(preflight.told_apart(records, loop), ready[0])
+        loop = _comparable(preflight.identifiable(records, loop), ready[0])
         measured = _confirmed(loop, tuple(threaded(measure, ready)))
     except IVToolsError as error:
         return refused(record, loop, checked, [*found, Finding(str(error)), *law])
@@ -293,7 +293,7 @@ def _both_ways(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:
     The model would lack on the other one what such a record cannot tell from Coulomb friction.
     """
     oneway = [preflight.one_way(r) for r in task.records]
-    lost = {*loop.names} - {*preflight.told_apart(task.records, loop).names}
+    lost = {*loop.names} - {*preflight.identifiable(task.records, loop).names}
     if all(oneway) or not lost:
         return task, []
     at = oneway.index(True)
@@ -306,21 +306,21 @@ def _both_ways(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:
 
 def _bounded(task: Task, samples: int) -> tuple[Task, list[Finding]]:
     """Return the task with one stretch of each record, not too long, and what to say of that."""
-    told = []
+    said = []
     for role, one in task.given.items():
         if one.breaks:
-            told.append(
+            said.append(
                 f"{one.name} has {len(one.parts)} stretches: the longest, "
                 f"{one.longest.n_samples} samples, is diagnosed"
             )
         part = one.longest.liveliest(samples)
         if part.n_samples < one.longest.n_samples:
-            told.append(
+            said.append(
                 f"{one.name} has {one.longest.n_samples} samples: the {part.n_samples} in which "
                 f"it moves most, from {part.t[0]:.6g} to {part.t[-1]:.6g} s, are diagnosed"
             )
         task = task.with_records({role: part})
-    return task, [Finding(line, fatal=False) for line in told]
+    return task, [Finding(line, fatal=False) for line in said]
 
 
 def _inspected(
@@ -353,7 +353,7 @@ def _judging(
     return measure(ready._replace(link=link))
 
 
-def _alike(loop: ClosedLoop, one: Ready) -> ClosedLoop:
+def _comparable(loop: ClosedLoop, one: Ready) -> ClosedLoop:
     """Return the declared loop as it can be compared with a record's: pulled, where that is."""
     return loop if not one.driven else replace(loop, controller=one.loop.controller)
 

@@ -43,7 +43,7 @@ _SIGNALS = {
 #: Over what the curve of each is drawn, if not over speed.
 _ALONG = {"load": "load", "drive": "drive", **dict.fromkeys(("q", "state", "gain", "wave"), "q")}
 _DIRECTED = {"q", "dq", "load", "state"}  # differ forwards and backwards
-_TOLD = 3  # in a sentence
+_MOST_SAID = 3  # in a sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,12 +111,12 @@ class Discrepancy:
         """What it depends on, in words, the most telling first."""
         apart = [n for n in self.over if n not in _SIGNALS["state"] or "state" not in self.over]
         names = [*dict.fromkeys(_NAMES[n] for n in apart)]
-        told = names[:_TOLD]
-        if len(names) > _TOLD:
+        some = names[:_MOST_SAID]
+        if len(names) > _MOST_SAID:
             last = "others"
         else:
-            last = "direction" if _DIRECTED & {*self.over} else told.pop()
-        first = ", ".join(told)
+            last = "direction" if _DIRECTED & {*self.over} else some.pop()
+        first = ", ".join(some)
         if " and " in first:  # position and speed together
             first += ","
         return " and ".join(filter(None, (first, last)))

@@ -91,7 +91,7 @@ class Laws:
         basis = Basis.of(runs)
         before = _warmth(fits, runs, basis)
         own = threaded(lambda r, w: {**basis.parts(r), "warm": basis.heat(r, w)}, runs, before)
-        parts = _alike(own)
+        parts = _scaled(own)
         place = _places(parts[0])
         forces = tuple(threaded(lambda p: np.hstack(list(p.values())), parts))
         answers = tuple(threaded(lambda f, F: f.fold.answers(F), fits, forces))
@@ -136,7 +136,7 @@ def _places(parts: Mapping[str, Array], first: int = 0) -> dict[str, NDArray[np.
     return {n: np.arange(a, b) for n, a, b in zip(parts, edges[:-1], edges[1:], strict=True)}
 
 
-def _alike(parts: list[dict[str, Array]]) -> list[dict[str, Array]]:
+def _scaled(parts: list[dict[str, Array]]) -> list[dict[str, Array]]:
     """Return forces of which those that remember are of unit size, over all folds together.
 
     One size for all: a coefficient that one fold has found means the same on the other. Hats and
@@ -367,7 +367,7 @@ class _Search:
         self.periods = periods = _periods(fits, laws.runs)
         swings = tuple(threaded(_swing, fits, laws.swings))
         basis = replace(laws.basis, periods=periods, swings=swings)
-        parts = _alike([{"wave": basis.waves(r), "swing": basis.swinging(r)} for r in laws.runs])
+        parts = _scaled([{"wave": basis.waves(r), "swing": basis.swinging(r)} for r in laws.runs])
         more = [np.hstack(list(p.values())) for p in parts]
         self.place = {**laws.place, **_places(parts[0], len(laws.squares[0]))}
         self.forces = list(zip(laws.forces, more, strict=True))

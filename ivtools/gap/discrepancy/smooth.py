@@ -253,8 +253,8 @@ class Columns:
         whole = np.block([[first, mixed], [mixed.T, self.own.T @ self.own]])
         self.square = np.asarray(whole - self.known.T @ self.known)  # of what the base leaves
         energy = np.diag(self.square)
-        told = energy > ALIKE * np.diag(whole)  # what the base has as well is rounding
-        self.size = np.sqrt(np.where(told, energy, np.inf))
+        distinct = energy > ALIKE * np.diag(whole)  # what the base has as well is rounding
+        self.size = np.sqrt(np.where(distinct, energy, np.inf))
 
     @property
     def count(self) -> int:
@@ -284,8 +284,8 @@ class Columns:
         beta = np.zeros((len(self.square), x.shape[1]))
         if np.isfinite(A).all() and np.isfinite(b).all():  # else of a loop that diverged
             w, V = np.linalg.eigh(A)  # a decomposition by singular values may not converge
-            told = w > ALIKE * w.max(initial=0.0)
-            beta[rows] = V[:, told] @ ((V[:, told].T @ b) / w[told, None]) / size
+            distinct = w > ALIKE * w.max(initial=0.0)
+            beta[rows] = V[:, distinct] @ ((V[:, distinct].T @ b) / w[distinct, None]) / size
         return x - self.times(beta)
 
 

@@ -138,10 +138,10 @@ class Fleet(Displayed):
         return found
 
     def _notes(self) -> list[str]:
-        told = [f"{e.name}: {e.remark}" for e in self.entries if e.remark]
-        notes = told[:_REMARKS]
-        if len(told) > _REMARKS:
-            notes.append(f"... and {len(told) - _REMARKS} more records with remarks")
+        remarks = [f"{e.name}: {e.remark}" for e in self.entries if e.remark]
+        notes = remarks[:_REMARKS]
+        if len(remarks) > _REMARKS:
+            notes.append(f"... and {len(remarks) - _REMARKS} more records with remarks")
         reused = sum(e.reused for e in self.entries)
         if reused:
             notes.append(f"{reused} of {len(self)} were diagnosed before: not computed again")
@@ -191,8 +191,8 @@ class Fleet(Displayed):
         if len(idle) > 4:
             remarks.append(f"and {len(idle) - 4} more that were not judged: see the table")
         counts = Counter(e.verdict for e in self.entries).most_common()
-        told = ", ".join(f"{count} {verdict}" for verdict, count in counts)
-        verdict = f"{len(self)} records: {told}."
+        verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts)
+        verdict = f"{len(self)} records: {verdicts}."
         return Card(verdict, tuple(facts), tuple(remarks), "doubt" if self.failed else "good")
 
     def save(self, folder: str | Path) -> Path:

@@ -205,8 +205,8 @@ def _tasks(
         try:
             with quiet():
                 record = source.read().replace(name=source.name)
-            told = {**settings, "judge": judge}
-            sent = packed((record, loop, holdout, told), makers, source.name)
+            judged = {**settings, "judge": judge}
+            sent = packed((record, loop, holdout, judged), makers, source.name)
         except IVToolsError as error:
             entries[source.name] = replace(entry, error=_line(error))
             clock.tick()

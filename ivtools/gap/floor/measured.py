@@ -83,7 +83,7 @@ def prepared(record: Record, checked: Parity, records: Sequence[Record]) -> Read
     A command that the law gives exactly is held between the samples; one that follows it by some
     per cent was measured, as a current is, and goes straight from one to the next.
     """
-    loop = preflight.told_apart(records, checked.loop)
+    loop = preflight.identifiable(records, checked.loop)
     place = record.q[:, 0] if preflight.adrift(loop) else None
     if not preflight.rings(record, loop):
         return Ready(record, loop, checked, place)

@@ -9,6 +9,7 @@ hanging      gravity where no control law is known
 
 from .findings import (
     Finding,
+    identifiable,
     identified,
     inspect,
     named,
@@ -17,7 +18,6 @@ from .findings import (
     overlap,
     require,
     same_axis,
-    told_apart,
 )
 from .hanging import Hanging, hanging
 from .logged import counted, faster, finer, late, lateness, near, origin
@@ -50,5 +50,5 @@ __all__ = [
     "require",
     "rings",
     "same_axis",
-    "told_apart",
+    "identifiable",
 ]

@@ -183,7 +183,7 @@ def one_way(record: Record) -> bool:
     return bool(min(np.mean(dq > 0), np.mean(dq < 0)) < ONE_WAY)
 
 
-def told_apart(records: Sequence[Record], loop: ClosedLoop) -> ClosedLoop:
+def identifiable(records: Sequence[Record], loop: ClosedLoop) -> ClosedLoop:
     """Return the model without what motion in one direction cannot tell from Coulomb friction."""
     if not any(one_way(r) for r in records):
         return loop

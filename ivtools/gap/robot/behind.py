@@ -99,11 +99,11 @@ def follow(diagnosis: Diagnosis, part: Alone, dq: Array, ddq: Array) -> Behind:
         *(swings(m) for m in mass + STEP * np.diag(mass)),
     )
     unknown = np.array(others) - link
-    told = _driven(part, theta, mass[2], (q, dq, ddq), part.loop.force(part.record)[:, 0])
+    delivered = _driven(part, theta, mass[2], (q, dq, ddq), part.loop.force(part.record)[:, 0])
     settled = slice(round(LINKED_TRANSIENT / part.record.dt), None)
     moves = np.zeros(len(q), dtype=bool)
     moves[settled] = np.abs(dq[settled]) > CRAWLING * np.max(np.abs(dq))  # else stiction tells
-    begun = np.linalg.lstsq(unknown[:2, 2, moves].T, (told - link[2])[moves])[0]
+    begun = np.linalg.lstsq(unknown[:2, 2, moves].T, (delivered - link[2])[moves])[0]
     link = link + np.tensordot(begun, unknown[:2], 1)
     if not np.max(np.abs(link[0] - q)[settled]) < np.ptp(q):
         return Behind(q, ddq, np.zeros((0, 2, len(q))))

@@ -95,9 +95,9 @@ class RobotDiagnosis(Displayed):
                 f"before, by itself, of the force, floor included: {', '.join(self._shares())}", 78
             ),
         ]
-        told = [f"{name}: {text}" for name, d in self.joints.items() for text in _said(d)]
+        said = [f"{name}: {text}" for name, d in self.joints.items() for text in _said(d)]
         title = f"Diagnosis of {self.robot} on {self.name}"
-        return table(title, lines, header, rows, [*self.notes, *told], left=4)
+        return table(title, lines, header, rows, [*self.notes, *said], left=4)
 
     def _shares(self) -> list[str]:
         """Return how much of its force each joint's error is, and whether that is negligible."""
@@ -150,10 +150,10 @@ class RobotDiagnosis(Displayed):
                  f"{quantity(after, unit, 3)}")
             )  # fmt: skip
         counts = Counter(d.verdict for d in self.joints.values()).most_common()
-        told = ", ".join(f"{count} {verdict}" for verdict, count in counts)
+        verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts)
         good = {"adequate", "explained"} >= {verdict for verdict, _ in counts}
         plural = "s" if len(self.joints) != 1 else ""
-        verdict = f"{len(self.joints)} joint{plural}: {told}."
+        verdict = f"{len(self.joints)} joint{plural}: {verdicts}."
         asked = ("Put what is named into the model of its joint.",) if self.effects else ()
         steps = (*asked, *self.notes[:4])
         return Card(verdict, tuple(facts), steps, "good" if good else "doubt")

@@ -32,18 +32,18 @@ SETTLED = ("adequate", "explained")
 
 
 class Loads(NamedTuple):
-    """What the links put on the joints by a fit, and what each record tells of them."""
+    """What the links put on the joints by a fit, and what each record shows of them."""
 
     fit: FitResults
-    told: Mapping[Record, Links | None]
+    links: Mapping[Record, Links | None]
 
     @classmethod
     def of(
         cls, fit: FitResults, records: Sequence[Record], before: Sequence[Links | None]
     ) -> Loads:
-        """Return those of a fit; what another fit told of each record spares some of the work."""
-        told = threaded(lambda one, known: measure(fit, one, known), records, before)
-        return cls(fit, dict(zip(records, told, strict=True)))
+        """Return those of a fit; what another fit found of each record spares some of the work."""
+        links = threaded(lambda one, known: measure(fit, one, known), records, before)
+        return cls(fit, dict(zip(records, links, strict=True)))
 
 
 class Joint:
@@ -228,14 +228,14 @@ def _begun(
     soft: Mapping[str, Diagnosis] | None = None,
 ) -> Begun | Diagnosis:
     """Begin to diagnose one joint under the loads that the links of a fit put on it."""
-    fit, told = loads
+    fit, links = loads
     name = fit.problem.loop.joints[j]  # type: ignore[union-attr]
     soft = {n: assumed(d) for n, d in soft.items()} if soft else None
-    parts = [alone(j, one, fit, without, soft) for one in told]
+    parts = [alone(j, one, fit, without, soft) for one in links]
     other = parts[1].record if len(parts) > 1 else None
     behind = [
-        Link(part.record.t, part.link, _doubt(name, links, part))
-        for links, part in zip(told.values(), parts, strict=True)
+        Link(part.record.t, part.link, _doubt(name, known, part))
+        for known, part in zip(links.values(), parts, strict=True)
     ]
     rules = replace(settings.get("rules") or Rules(), swing=SWUNG)
     settings = {**settings, "links": behind, "rules": rules}
@@ -247,8 +247,8 @@ def _doubt(joint: str, links: Links | None, part: Alone) -> Doubt:
     record = part.record
     answers = response.measure(part.loop, record, part.loop.start)(part.unknown)
     none = np.zeros((record.n_samples, 0))
-    told = Doubt(record.t, none, np.zeros(0), np.zeros((0, 0)))
-    return (told if links is None else links.doubt(joint)).beside(record, answers)
+    nothing = Doubt(record.t, none, np.zeros(0), np.zeros((0, 0)))
+    return (nothing if links is None else links.doubt(joint)).beside(record, answers)
 
 
 def _swung(stiff: Begun | Diagnosis, begun: Begun | Diagnosis) -> float:

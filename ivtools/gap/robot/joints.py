@@ -83,7 +83,7 @@ def diagnose_robot(
     better = plain
     for again in range(ROUNDS):
         if better is not plain:
-            loads = Loads.of(better, records, [loads.told[one] for one in records])
+            loads = Loads.of(better, records, [loads.links[one] for one in records])
         soft: dict[str, Diagnosis] = {}
         for name in sorted(wanted, key=lambda name: -by_name[name].turn):
             one = by_name[name]

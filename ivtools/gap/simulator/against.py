@@ -49,9 +49,9 @@ def against(
         return _of_simulator(found, lacking, False, own, rules)
     found = diagnose(*_records(lacking), loop)
     answers = [(found, lacking, False)]
-    alike = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
-    all_told = _closed(found) >= ALL_CLOSED or found.chi[1] < ADEQUATE
-    enough = all_told and len(found.effects) == 1 and not alike
+    everywhere = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
+    whole = _closed(found) >= ALL_CLOSED or found.chi[1] < ADEQUATE
+    enough = whole and len(found.effects) == 1 and not everywhere
     nothing = found.verdict == "adequate" or (found.negligible and not found.effects)
     if not nothing and not enough:
         try:
@@ -128,24 +128,24 @@ def _of_simulator(
     swings = SWINGS not in {*own, *found.effects}
     if swings:  # what hangs from both is no setting of the simulator's
         made = {name: c for name, c in made.items() if not name.startswith(f"{SWINGS}.")}
-    alike = {} if fit is None or surplus else twins(fit, pairs[0], rules)
+    others = {} if fit is None or surplus else twins(fit, pairs[0], rules)
     whose = "the simulator has and the axis lacks" if surplus else "your simulator lacks"
     none = "nothing but other parameters" if found.verdict == "adequate" else "nothing with a name"
     what = ", ".join(found.effects) or none
-    told = [f"{whose}: {what}", *(_either(name, found, alike[name]) for name in alike)]
+    said = [f"{whose}: {what}", *(_either(name, found, others[name]) for name in others)]
     if swings and f"{SWINGS}.frequency_hz" in pairs[0].base.params:
         hz = quantity(float(pairs[0].base.params[f"{SWINGS}.frequency_hz"]), "Hz")
-        told.append(f"a load swings at {hz} in your simulator; the axis is taken to have it too")
+        said.append(f"a load swings at {hz} in your simulator; the axis is taken to have it too")
     if stuck:
-        told.append("at standstill your simulator's friction creeps, the axis sticks")
+        said.append("at standstill your simulator's friction creeps, the axis sticks")
     notes = dict.fromkeys(note for pair in pairs for note in pair.notes)
-    others = {name: list(effects) for name, effects in alike.items()}
+    either = {name: list(effects) for name, effects in others.items()}
     return replace(
         found,
         changes=made,
         surplus=found.effects if surplus else (),
-        ambiguous_with={**found.ambiguous_with, **others},
-        advice=(*told, *notes, *found.advice),
+        ambiguous_with={**found.ambiguous_with, **either},
+        advice=(*said, *notes, *found.advice),
         whole=None,
         alternatives=(),
     )

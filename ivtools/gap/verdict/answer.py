@@ -234,8 +234,8 @@ def no_better(
         With them.
     """
     limit = values.get("saturation", {}).get("limit", 0.0)  # in the unit of the command
-    told = {"saturation": f"saturation (at {limit:.4g})"}
-    names = ", ".join(told.get(e, e) for e in effects)
+    limited = {"saturation": f"saturation (at {limit:.4g})"}
+    names = ", ".join(limited.get(e, e) for e in effects)
     errors = [quantity(x, shrink.unit) for x in (shrink.before, shrink.after)]
     text = f"with {names} in the model the held-out force error goes from {' to '.join(errors)}"
     rises = shrink.after > shrink.before
