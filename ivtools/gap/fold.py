@@ -25,16 +25,16 @@ from .response import Response
 from .rules import (
     AT_LIMIT,
     BLOCK,
+    DEPENDENT,
     DIVERGED,
     LEAST_BLOCK,
     LINKED_TRANSIENT,
     MOST,
     MOVED_OFF,
-    NEAR_LIMIT,
+    NEARBY,
     REST,
     STANDING,
     STEPPED,
-    TOLD_APART,
     TRANSIENT,
     UNDOUBTED,
 )
@@ -234,7 +234,7 @@ class Fold:
         """
         assert self.doubt is not None and self._unknown is not None
         A = self._plain(self._unknown[0])
-        turn = independent(A, TOLD_APART, self.doubt.precision)
+        turn = independent(A, DEPENDENT, self.doubt.precision)
         energy, turned = np.linalg.eigh(turn.T @ (A.T @ A) @ turn)  # of this record's share in it
         discount = 1.0 - np.sqrt(np.maximum(1.0 - energy, 0.0))
         doubted = discount > UNDOUBTED
@@ -369,7 +369,7 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
     keep[: _moved_off(record) + settling(record)] = False
     own = loop.command(record)[:, 0]
     own = own - record.added[:, 0] if record.added is not None else own
-    keep &= ~near(np.abs(own) >= AT_LIMIT * loop.controller.limit, round(NEAR_LIMIT / record.dt))
+    keep &= ~near(np.abs(own) >= AT_LIMIT * loop.controller.limit, round(NEARBY / record.dt))
     return keep & ~_standing(record)
 
 

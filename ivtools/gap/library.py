@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from ..physics.sizes import sizes
 from ..record import Record
-from .rules import BEHIND, LINKED, MOST_SCANS, SAME_SIGNAL
+from .rules import ALONG, BEHIND, LINKED
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Scales:
         command, seen = self.loop.command(self.record)[:, 0], self.loop.controller.feedback
         columns = [self.record.extra[name] for name in seen if name in self.record.extra]
         moving = [c for c in columns if np.ptp(c) > 0.0]
-        return any(abs(np.corrcoef(c, command)[0, 1]) < SAME_SIGNAL for c in moving)
+        return any(abs(np.corrcoef(c, command)[0, 1]) < ALONG for c in moving)
 
     @cached_property
     def sizes(self) -> dict[str, float]:
@@ -164,15 +164,13 @@ def library(
     ]
 
 
-def scans(term: Term, scales: Scales, limit: int = MOST_SCANS) -> list[dict[str, float]]:
+def scans(term: Term, scales: Scales) -> list[dict[str, float]]:
     """Return starting values of the parameters the force is not linear in, by short name.
 
     Of one effect that may be missing; `estimators.sensitivities.scans` has those of a whole loop.
     """
     grids = _grids(term, scales)
-    return [
-        dict(zip(grids, point, strict=True)) for point in islice(product(*grids.values()), limit)
-    ]
+    return [dict(zip(grids, point, strict=True)) for point in product(*grids.values())]
 
 
 def alternatives(term: Term, scales: Scales) -> list[dict[str, float]]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..physics import TERMS
 from ..record import Record
 from .fold import near
-from .rules import ACCELERATING, BANDS, FEW_EDGES, NEAR_REVERSAL
+from .rules import ACCELERATING, BANDS, FEW_EDGES, NEARBY
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -63,7 +63,7 @@ def _masks(record: Record) -> dict[str, Mask]:
     q, dt = record.q_ref[:, 0], record.dt
     dq = np.gradient(q, dt)
     ddq = np.gradient(dq, dt)
-    width = max(round(NEAR_REVERSAL / dt), 1)
+    width = max(round(NEARBY / dt), 1)
     sign = np.sign(dq)
     reversal = near(np.diff(sign, prepend=sign[0]) != 0, width)
     accelerating = (np.abs(ddq) > ACCELERATING * np.max(np.abs(ddq))) & ~reversal

@@ -16,7 +16,7 @@ from .candidate import gone_on, phases
 from .fit import Fit, gauss_newton, steps
 from .floor import Floor, Measured
 from .fold import Fold
-from .rules import ADEQUATE_NAMED, ALL_LEFT, CONFIDENCE, CORRECTED, LEAST_BLOCKS, RETUNED
+from .rules import ADEQUATE_NAMED, CLEAN, CONFIDENCE, CORRECTED, LEAST_BLOCKS, RETUNED
 
 Array = NDArray[np.float64]
 
@@ -333,7 +333,7 @@ def _reachable(level: Floor, after: Fit) -> float:
     left = after.force_rms
     limit = min(level.level, left)
     return limit + (left - limit) * float(
-        np.clip((ADEQUATE_NAMED - after.cost) / ALL_LEFT, 0.0, 1.0)
+        np.clip((ADEQUATE_NAMED - after.cost) / (ADEQUATE_NAMED - CLEAN), 0.0, 1.0)
     )
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..limits import LARGEST
 from ..linalg import as_columns
 from ..loop import Simulation
 from ..physics import Term
@@ -21,7 +22,7 @@ from . import spatial_lines
 from .fit import Fit, normal
 from .fold import Fold, Side
 from .library import Box, Scales, alternatives, scans
-from .rules import DIVERGED_COLUMN, GLANCE
+from .rules import GLANCE
 
 Array = NDArray[np.float64]
 
@@ -193,7 +194,7 @@ def unit_force(term: Term, index: int, shape: dict[str, float], simulation: Simu
 
 def _sound(columns: Array) -> bool:
     """Whether columns are of a loop that did not diverge: its end may be huge and finite."""
-    return bool(np.max(np.abs(columns), initial=0.0) < DIVERGED_COLUMN)
+    return bool(np.max(np.abs(columns), initial=0.0) < LARGEST)
 
 
 def _score(d: _Direction, e: Array, fold: Fold) -> Score:

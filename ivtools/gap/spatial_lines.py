@@ -22,7 +22,6 @@ from .rules import (
     HIGH_SPEED,
     LINE_BINS,
     LINE_PERIODS,
-    LINE_SPECTRUM,
     LINE_SPEEDS,
     LINE_TOP,
     LINES,
@@ -102,11 +101,11 @@ def _peaks(
 
 def _energy(k: Array, v: Array, weight: Array, fold: Fold, response: Response) -> Array:
     """Return the whitened energy of the answer to a unit line at each wave number."""
-    heard, white = (np.fft.rfft(x, LINE_SPECTRUM) for x in (response.impulse, fold.whitener))
+    heard, white = (np.fft.rfft(x, POSITION_BINS) for x in (response.impulse, fold.whitener))
     gain = np.abs(heard * white) ** 2
     energy, edges = np.histogram(np.abs(v), bins=LINE_SPEEDS, weights=weight**2 * fold.keep)
     speeds = 0.5 * (edges[1:] + edges[:-1])
-    hz = np.fft.rfftfreq(LINE_SPECTRUM, fold.record.dt)
+    hz = np.fft.rfftfreq(POSITION_BINS, fold.record.dt)
     total = np.zeros(len(k))
     for speed, share in zip(speeds, energy, strict=True):
         total += 0.5 * share * np.interp(speed * k, hz, gain, right=gain[-1])

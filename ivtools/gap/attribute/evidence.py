@@ -11,19 +11,17 @@ from ..candidate import Trial
 from ..discrepancy import Laws
 from ..fit import Fit, common
 from ..rules import (
-    ENOUGH,
+    EXPLAINED,
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     LIKELY,
     MOST_LEFT,
-    NO_RIVAL,
-    OUTDONE,
+    RIVAL,
     SURE_APART,
     SUREST,
     UNEVEN,
     UNEVEN_LEAVES,
     UNEVEN_LEFT,
-    UNLIKELY,
     UNSHARED,
     WEIGHTS,
 )
@@ -84,7 +82,7 @@ class Evidence:
     @property
     def outdone(self) -> bool:
         """Whether an effect that cannot be named removes more, and much of the gap is left."""
-        return self.rival > OUTDONE and self.explained < ENOUGH
+        return self.rival > 1.0 and self.explained < EXPLAINED
 
     @property
     def uneven(self) -> bool:
@@ -99,7 +97,7 @@ class Evidence:
     @property
     def unrivalled(self) -> bool:
         """Whether neither smooth laws nor other effects have anything of what it removes."""
-        return self.apart and self.rival < NO_RIVAL and not self.surpassed
+        return self.apart and self.rival < RIVAL and not self.surpassed
 
     def to_dict(self) -> dict[str, float | bool]:
         """Return the JSON of the evidence."""
@@ -162,8 +160,8 @@ def probability(proof: Evidence) -> float:
     The weights come from withheld effects of other seeds than those of the published proof
     (benchmarks/withheld/weights.py); what was hidden there is in the library, so a probability
     holds as far as the cause is one of the known effects. An effect that another one outdoes, or
-    that is uneven, is `UNLIKELY`, one without a rival is right with `SURE_APART` at least, and none
-    is surer than `SUREST`.
+    that is uneven, only resembles what is there; one without a rival is right with `SURE_APART` at
+    least, and none is surer than `SUREST`.
 
     Parameters
     ----------
@@ -177,7 +175,7 @@ def probability(proof: Evidence) -> float:
     True
     """
     if proof.outdone or proof.uneven:
-        return UNLIKELY
+        return 0.0
     z = WEIGHTS["constant"] + sum(WEIGHTS[n] * x for n, x in features(proof).items())
     least = SURE_APART if proof.unrivalled else 0.0
     return min(max(float(1.0 / (1.0 + np.exp(-z))), least), SUREST)

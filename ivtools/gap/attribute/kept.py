@@ -18,11 +18,11 @@ from ..fit import Fit
 from ..rules import (
     CLEAN,
     DISCREPANCY_T,
+    MOST,
     SEVERAL,
     SPARED,
     STANDARD_ERRORS,
     TIE,
-    UNLIKE_SMOOTH,
     Rules,
 )
 from .evidence import cost
@@ -86,7 +86,7 @@ def names_kept(
 
     def own(group: Sequence[Trial]) -> bool:
         """Whether one of these effects has what a force without a name has not."""
-        return any(t.unlike > UNLIKE_SMOOTH or t.stands(laws) for t in group)
+        return any(t.unlike > MOST or t.stands(laws) for t in group)
 
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""

@@ -29,6 +29,7 @@ from ..rules import (
     MOST,
     RIVAL,
     ROUGH,
+    SWUNG,
     TIE,
     TWIN,
     VALLEY_DEPTH,
@@ -123,13 +124,13 @@ class Round:
         tried = (t for t in self.trials if t.term.search == "valleys" and t.gain > 0.0)
         return {t.name: of_effect(t.fits[0].values, t.name) for t in tried}
 
-    def similar(self, least: float) -> set[str]:
-        """Return the effects with at least this share of the best one's gain."""
+    def similar(self) -> set[str]:
+        """Return the effects with most of the best one's gain."""
         if self.best is None:
             return set()
         sizes = {**self.gains}
         sizes |= {t.name: max(t.gain, self.gains[t.name]) for t in self.trials}
-        least *= sizes.get(self.best.name, self.best.gain)
+        least = MOST * sizes.get(self.best.name, self.best.gain)
         return {n for n, size in sizes.items() if size >= least}
 
 
@@ -171,14 +172,15 @@ def play(
     tried = _Tries(sides, fits, held, found, rules, removed, sensed).all()
     trials = tuple(t for t in tried.values() if t is not None)
     vain = {n: (1.0 - VALLEY_DEPTH) * cost(held) for n, t in tried.items() if t is None}
-    similar = set().union(*(r.similar(rules.similar) for r in rounds))
+    similar = set().union(*(r.similar() for r in rounds))
     least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
     new = [t for t in trials if t.name not in similar or t.removed > least or t.apart]
     named = [r.best.term for r in rounds if r.best is not None]
     if cost(held) < ADEQUATE and any(t.of_speed for t in named):
         new = [t for t in new if not t.term.of_speed]  # the form of a law is never quite the axis's
     if any(t.second_mass for t in named):
-        new = [t for t in new if t.removed > rules.swing * (cost(base) - cost(held))]
+        least = SWUNG if base[0].fold.link is not None else 0.0
+        new = [t for t in new if t.removed > least * (cost(base) - cost(held))]
     near = (1.0 - rules.equivalence_open) * _largest(new, rules)
     qualified = tuple(t for t in new if 0.0 < near <= t.gain and t.passes(rules))
     scores = tuple(
@@ -314,7 +316,7 @@ class _Tries:
 
     def hopeful(self, names: Iterable[str]) -> list[str]:
         """Return those that are not fitted yet, and might be most of what is left."""
-        most = self.rules.search_left * (self.left - 1.0)
+        most = MOST * (self.left - 1.0)
         hopeless = {n for n, size in self.removed.items() if size < most}
         return sorted({*names} - {*self.made} - hopeless)
 

@@ -14,7 +14,7 @@ from ..discrepancy import Laws, a_line, other_waves, smooth_rest, stands, unlike
 from ..fit import Fit, common
 from ..fold import Fold, block_t
 from ..library import Scales
-from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, LEADING, OTHER_WAVE_T, UNLIKE_SMOOTH, Rules
+from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, LEADING, MOST, STANDARD_ERRORS, Rules
 
 Array = NDArray[np.float64]
 
@@ -209,10 +209,10 @@ class Trial:
         if self.term.search != "lines":
             return True
         waves = other_waves(self.before, self._periods(self.held))
-        if not all(block_t(self._over(w)) > OTHER_WAVE_T for w in waves):
+        if not all(block_t(self._over(w)) > STANDARD_ERRORS for w in waves):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
-        return self.unlike > UNLIKE_SMOOTH * (1.0 + rest) or rest < EXACT
+        return self.unlike > MOST * (1.0 + rest) or rest < EXACT
 
     def _periods(self, fits: Sequence[Fit]) -> list[float]:
         """Return the period of a line over position in each fit, m or rad."""

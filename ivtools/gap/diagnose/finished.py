@@ -19,7 +19,7 @@ from ..fit import Fit, common, gauss_newton, steps
 from ..floor import Measured, masked
 from ..fold import Fold
 from ..preflight import Finding
-from ..rules import AT_CONTROLLER, DESCRIBED, REPEATS, UNNAMED
+from ..rules import AT_CONTROLLER, CLEAN, REPEATS, UNNAMED
 from .begun import Begun, Progress, mute
 from .named import named
 
@@ -61,7 +61,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         shrink = replace(shrink, judged=quantify.judge(loop, begun.third, result))
     before, after = cost(result.base), cost(result.held)
     given = len(begun.inspected.checked)  # records, whether they judge or not
-    tell = task.described and after > DESCRIBED
+    tell = task.described and after > CLEAN
     left = _left(begun, result, fold) if tell else None
     if left is not None and measured[-1].floor.between is None:
         shrink = shrink.reaching(left.after / max(left.before, 1e-300))

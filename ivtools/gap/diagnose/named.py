@@ -19,7 +19,7 @@ from ..floor import Measured, folds
 from ..fold import Fold
 from ..library import library
 from ..preflight import Finding
-from ..rules import ADEQUATE, ALONE, FAINT, RATTLES
+from ..rules import ADEQUATE, FAINT, LARGE, LEADING
 from .begun import Begun
 
 
@@ -96,9 +96,9 @@ def _ways(begun: Begun, both: Attribution, k: int) -> Iterator[_Way]:
     if not judges and one.parity.limit and _limits(loop, one) and not _limits(loop, other):
         yield _Way(name, f"the command of {unmoved} hardly reaches its limit", ("saturation",))
     silent = other.base.cost < ADEQUATE
-    if one.base.cost < ALONE or not (silent or begun.eventful):
+    if one.base.cost < LARGE or not (silent or begun.eventful):
         return
-    if any(t.term.second_mass and t.explained[k] > RATTLES for t in both.trials):
+    if any(t.term.second_mass and t.explained[k] > LEADING for t in both.trials):
         terms = library(begun.loop, tuple(begun.task.extra))
         others = tuple(t.name for t in terms if not t.second_mass)
         why = "nothing replicates between the records"

@@ -30,9 +30,10 @@ from ..fold import block_t
 from ..rules import (
     AGREES,
     COOLING,
-    DISCREPANCY_MOST,
     DISCREPANCY_T,
+    DOMINANT_T,
     EVEN,
+    MOST,
     PENALTIES,
     SPARED,
     UNSHARED,
@@ -214,8 +215,7 @@ def nothing(fits: Sequence[Fit]) -> Spline:
 
 def least_t(share: float) -> float:
     """Return the block t value from which such a share of the energy is saved significantly."""
-    most, fewer = DISCREPANCY_MOST
-    return fewer if share >= most else DISCREPANCY_T
+    return DOMINANT_T if share >= MOST else DISCREPANCY_T
 
 
 def advantage(fits: Sequence[Fit], before: Spline, after: Spline) -> float:

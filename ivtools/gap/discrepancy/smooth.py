@@ -20,14 +20,13 @@ from ...workers import threaded
 from ..fit import Fit, normal
 from ..response import leaky, remembered
 from ..rules import (
-    ALIKE,
     BUMPS,
     CHANCE,
     COARSE_KNOTS,
     COOLING,
+    DEPENDENT,
     FIRST_KNOT,
     LEAST_KNOTS,
-    LOAD_KNOTS,
     MOST_KNOTS,
     POSITION_KNOTS,
     RINGING,
@@ -86,7 +85,7 @@ class Basis:
             {
                 "q": np.linspace(q.min(), q.max(), _knots(float(np.ptp(q)), spacing)),
                 "dq": np.unique(speed),
-                "load": np.linspace(0.0, float(np.max(np.abs(tau))), LOAD_KNOTS)[1:],
+                "load": np.linspace(0.0, float(np.max(np.abs(tau))), fast)[1:],
                 "drive": np.unique(drive),
                 "where": np.linspace(q.min(), q.max(), where),
                 "how fast": np.linspace(0.0, float(np.max(np.abs(dq))), fast),
@@ -253,7 +252,7 @@ class Columns:
         whole = np.block([[first, mixed], [mixed.T, self.own.T @ self.own]])
         self.square = np.asarray(whole - self.known.T @ self.known)  # of what the base leaves
         energy = np.diag(self.square)
-        distinct = energy > ALIKE * np.diag(whole)  # what the base has as well is rounding
+        distinct = energy > DEPENDENT * np.diag(whole)  # what the base has as well is rounding
         self.size = np.sqrt(np.where(distinct, energy, np.inf))
 
     @property
@@ -284,7 +283,7 @@ class Columns:
         beta = np.zeros((len(self.square), x.shape[1]))
         if np.isfinite(A).all() and np.isfinite(b).all():  # else of a loop that diverged
             w, V = np.linalg.eigh(A)  # a decomposition by singular values may not converge
-            distinct = w > ALIKE * w.max(initial=0.0)
+            distinct = w > DEPENDENT * w.max(initial=0.0)
             beta[rows] = V[:, distinct] @ ((V[:, distinct].T @ b) / w[distinct, None]) / size
         return x - self.times(beta)
 

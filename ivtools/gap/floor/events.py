@@ -14,7 +14,6 @@ from ..rules import (
     LASTING_EVENT,
     LEAST_WINDOW,
     OUTLYING,
-    ROUNDED,
     WINDOW,
 )
 
@@ -81,7 +80,7 @@ def lasting(white: Array, keep: Mask, dt: float, rounded: Mask) -> Mask:
 def _allowed(rounded: Mask, dt: float, seconds: float) -> Array:
     """Return by how much each window may be further off for the rounding of the sensor, (n,)."""
     still, *_ = windows(rounded.astype(float), np.ones(len(rounded), dtype=bool), dt, seconds)
-    return 1.0 + ROUNDED * still
+    return 1.0 + still
 
 
 def _energy(

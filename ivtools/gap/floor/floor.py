@@ -25,7 +25,6 @@ from ..response import Response, features, memories, mixed, waves
 from ..rules import (
     DEPENDENT,
     EVENT_TIME,
-    EVENTS_ONCE,
     FEW_EVENTS,
     FREE,
     FREQUENCIES,
@@ -34,6 +33,7 @@ from ..rules import (
     LARGEST_ROOT,
     LEARNT,
     LEAST_LEFT,
+    MOST,
     NOISE_ORDER,
     PER_COEFFICIENT,
     QUIET,
@@ -106,7 +106,7 @@ class Floor:
     def isolated(self) -> bool:
         """Whether few stretches stand out: events, not a way of the model to be wrong."""
         few = self.once or len(self.events) <= FEW_EVENTS
-        most = EVENTS_ONCE if self.once else EVENT_TIME
+        most = MOST if self.once else EVENT_TIME
         return bool(self.events) and few and float(np.mean(self.event_mask)) < most
 
 

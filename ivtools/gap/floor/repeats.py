@@ -14,8 +14,8 @@ from ..rules import (
     LEAST_PAIRS,
     LEAST_PERIOD,
     MOST_PERIODS,
+    NO_MOTION,
     PERIODIC,
-    SAME_MOTION,
 )
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ def _same(one: Record, two: Record) -> bool:
         return False
     pairs = [(one.q_ref, two.q_ref), (one.added, two.added)]
     filled = [[np.zeros(1) if x is None else x for x in pair] for pair in pairs]
-    return all(bool(np.max(np.abs(x - y)) <= SAME_MOTION * np.max(np.abs(x))) for x, y in filled)
+    return all(bool(np.max(np.abs(x - y)) <= NO_MOTION * np.max(np.abs(x))) for x, y in filled)
 
 
 def _difference(x: Array, y: Array, keep: Mask) -> float | None:

@@ -33,7 +33,7 @@ from ..rules import (
     LOOK_WIDTH,
     LOOKS,
     LOST,
-    MOVING,
+    MOST,
     NO_MOTION,
     ONE_WAY,
     OPEN_LOOP,
@@ -378,7 +378,7 @@ def _held(one: Array, two: Array, windows: int = LOOKS, width: int = LOOK_WIDTH)
     """
     starts = np.linspace(0, len(two) - width, windows).astype(int)
     parts = [two[s : s + width] for s in starts]
-    moving = [p for p in parts if np.ptp(p[:, 0]) and len(np.unique(p[:, 1])) >= MOVING * width]
+    moving = [p for p in parts if np.ptp(p[:, 0]) and len(np.unique(p[:, 1])) >= MOST * width]
     return float(np.mean([_holds(one, p) for p in moving])) if moving else 0.0
 
 

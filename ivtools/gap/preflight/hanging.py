@@ -18,9 +18,7 @@ from ...loop import ClosedLoop
 from ...record import Record
 from ..rules import (
     AGREES,
-    HANGS,
-    LARGEST_EDGE,
-    LEAST_SWINGS,
+    MOST,
     SWING_EDGE,
     SWING_RATE,
     SWINGS,
@@ -78,7 +76,7 @@ def hanging(record: Record, loop: ClosedLoop) -> Hanging | None:
     rest = [float(np.sum((a[p] - X[p, :-2] @ f) ** 2)) for p, f in zip(parts, plain, strict=True)]
     removed = min(1.0 - one / max(two, 1e-300) for one, two in zip(left, rest, strict=True))
     sizes = [float(np.hypot(*f[-2:])) for f in fits]
-    if removed < HANGS or max(sizes) > AGREES * min(sizes):
+    if removed < MOST or max(sizes) > AGREES * min(sizes):
         return None
     direct = np.linalg.lstsq(X, a, rcond=None)[0]
     force, others = X[:, 0], np.column_stack([a, X[:, 1:]])
@@ -101,9 +99,7 @@ def _cutoff(record: Record) -> float:
     power = np.abs(np.fft.rfft(dq - dq.mean())) ** 2
     hz = np.fft.rfftfreq(len(dq), record.dt)
     median = float(hz[np.searchsorted(power.cumsum(), 0.5 * power.sum())])
-    return float(
-        np.clip(SWINGS * median, LEAST_SWINGS / (len(dq) * record.dt), SWING_RATE / record.dt)
-    )
+    return min(SWINGS * median, SWING_RATE / record.dt)
 
 
 def _columns(record: Record, loop: ClosedLoop, cutoff: float) -> tuple[Array, Array]:
@@ -119,5 +115,5 @@ def _columns(record: Record, loop: ClosedLoop, cutoff: float) -> tuple[Array, Ar
     ddq = np.gradient(dq, record.dt)
     columns = [low(loop.force(record)[:, 0]), low(dq), low(np.sign(dq)), np.ones(len(q))]
     X = np.column_stack([*columns, low(np.sin(q)), low(np.cos(q))])
-    edge = min(round(SWING_EDGE / (cutoff * record.dt)), int(LARGEST_EDGE * len(q)))
+    edge = round(SWING_EDGE / (cutoff * record.dt))
     return X[edge : len(q) - edge], ddq[edge : len(q) - edge]

@@ -23,7 +23,6 @@ from .. import parity
 from ..parity import Parity
 from ..rules import (
     EDGES,
-    FAR,
     LATENESS,
     LAW_BETTER,
     PARITY_POOR,
@@ -102,11 +101,11 @@ def origin(record: Record, terms: Iterable[Term], loop: ClosedLoop) -> float:
         return 0.0
     q = record.q[:, 0]
     stroke, middle = float(np.ptp(q)), 0.5 * float(np.max(q) + np.min(q))
-    if abs(middle) < FAR * stroke:
+    if abs(middle) < stroke:
         return 0.0
     turns = 2.0 * np.pi * float(np.round(middle / (2.0 * np.pi)))
     hangs = any(name.startswith("gravity") for name in (*loop.names, *law.feedforward))
-    if loop.joint == "revolute" and (hangs or abs(middle - turns) < FAR * stroke):
+    if loop.joint == "revolute" and (hangs or abs(middle - turns) < stroke):
         return turns
     unit = ROUND ** float(np.floor(np.log10(stroke)))
     return float(unit * np.round(middle / unit))

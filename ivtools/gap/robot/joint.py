@@ -20,7 +20,7 @@ from ..diagnosis import Diagnosis
 from ..fit import of_effect
 from ..floor import autoregression
 from ..fold import Doubt, Link
-from ..rules import ADEQUATE, SWUNG, Rules
+from ..rules import ADEQUATE, SWUNG
 from .alone import alone
 from .behind import TWO_MASSES, Alone
 from .links import Links, measure
@@ -237,8 +237,7 @@ def _begun(
         Link(part.record.t, part.link, _doubt(name, known, part))
         for known, part in zip(links.values(), parts, strict=True)
     ]
-    rules = replace(settings.get("rules") or Rules(), swing=SWUNG)
-    settings = {**settings, "links": behind, "rules": rules}
+    settings = {**settings, "links": behind}
     return begin(Task(parts[0].record, parts[0].loop, other, **settings))
 
 

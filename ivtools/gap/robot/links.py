@@ -22,7 +22,7 @@ from ...results import FitResults
 from .. import response
 from ..floor import autoregression
 from ..fold import Doubt
-from ..rules import BLOCK, LEAST_BLOCK, LINKED_TRANSIENT, OWN, SINGULAR, TOLD_APART
+from ..rules import BLOCK, DEPENDENT, LEAST_BLOCK, LINKED_TRANSIENT, OWN
 
 Array = NDArray[np.float64]
 
@@ -76,9 +76,9 @@ class Links(NamedTuple):
         others = np.arange(len(self.joints)) != j
         P, g = self.precision[others].sum(axis=0), self.pull[others].sum(axis=0)
         # what is left when all other parameters are free: their Schur complement
-        by = P[np.ix_(kept, free)] @ np.linalg.pinv(P[np.ix_(free, free)], rcond=SINGULAR)
+        by = P[np.ix_(kept, free)] @ np.linalg.pinv(P[np.ix_(free, free)], rcond=DEPENDENT)
         precision = P[np.ix_(kept, kept)] - by @ P[np.ix_(free, kept)]
-        mean = np.linalg.pinv(precision, rcond=TOLD_APART) @ (g[kept] - by @ g[free])
+        mean = np.linalg.pinv(precision, rcond=DEPENDENT) @ (g[kept] - by @ g[free])
         precision = 0.5 * (precision + precision.T)
         return Doubt(self.t, rest[:, felt], mean, precision, as_own[:, felt])
 
@@ -132,7 +132,7 @@ def _normal(A: Array, e: Array, first: int, dt: float) -> tuple[Array, Array]:
     P = A.T @ A
     size = np.maximum(np.sqrt(np.diag(P)), 1e-300)
     unit = P / size / size[:, np.newaxis]
-    inverse = np.linalg.pinv(unit, rcond=TOLD_APART)
+    inverse = np.linalg.pinv(unit, rcond=DEPENDENT)
     width = max(round(BLOCK / dt), LEAST_BLOCK)
     meat = block_covariance(A / size * e[:, np.newaxis], np.arange(0, len(e), width))
     excess = max(float(np.sum(meat * inverse) / np.sum(unit * inverse)), 1.0)
