@@ -132,7 +132,7 @@ def _law(
         advice.append(f"the control law cannot be compared: {error}")
         return None
     r2 = 1.0 - parity.before**2
-    kind = parity.declared.kind if parity.declared else loop.known(record).controller.kind
+    kind = parity.declared.kind
     where = _where(shown, record.longest)
     rows.append(("parity R2", f"{r2:.4f}", f"of the law in the axis file ({kind}){where}"))
     if parity.oversampling > 1:

@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..loop import ClosedLoop
 from ..record import Record
 from ..units import percent
 from ..workers import threaded
@@ -177,7 +176,6 @@ def _left(m: Measured, base: Fit, held: Fit) -> list[tuple[float, float]]:
 
 
 def remarks(
-    loop: ClosedLoop,
     measured: tuple[Measured, ...],
     result: Attribution,
     held_out: bool,
@@ -193,10 +191,10 @@ def remarks(
                 f"{name}: {100 * beyond:.0f} % of it is at positions or times that the other "
                 "record does not cover; effects of position or time are judged on the rest"
             )
-        if p.delay != loop.controller.delay:
+        if p.delay != p.declared.delay:
             lines.append(
                 f"{name}: the recorded command follows the measured position by {p.delay} samples, "
-                f"the axis file says {loop.controller.delay}; with that the control law, fed with "
+                f"the axis file says {p.declared.delay}; with that the control law, fed with "
                 f"what was measured, is off the command by {percent(p.after)}, not by "
                 f"{percent(p.before)}"
             )

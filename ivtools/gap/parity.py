@@ -70,14 +70,10 @@ class Parity:
         The loop with the controller that the record shows.
     before, after : float
         Relative parity error as declared and as found, 1.
-    delay : int
-        Samples from the measured position to the recorded command.
+    declared : Controller
+        The controller of the axis file.
     mismatch : mapping
         Relative errors of the settings, those that are significant.
-    tvalues : mapping
-        Their block-robust t values.
-    limit : float or None
-        A limit of the command below the declared one.
     clipped : float
         Share of the samples in which the command sits at its limit.
     read : ControllerFit or None
@@ -85,8 +81,6 @@ class Parity:
         leaves more than `PARITY_POOR`.
     taken : bool
         Whether it is taken instead: it explains the command, and much better.
-    declared : Controller or None
-        The controller of the axis file.
     at : float or None
         Time, s, around which nearly all of the error lies that is left; None if there is none such.
     oversampling : int
@@ -96,16 +90,24 @@ class Parity:
     loop: ClosedLoop
     before: float
     after: float
-    delay: int
+    declared: Controller
     mismatch: dict[str, float]
-    tvalues: dict[str, float]
-    limit: float | None
     clipped: float
     read: ControllerFit | None = None
     taken: bool = False
-    declared: Controller | None = None
     at: float | None = None
     oversampling: int = 1
+
+    @property
+    def delay(self) -> int:
+        """Samples from the measured position to the recorded command."""
+        return self.loop.controller.delay
+
+    @property
+    def limit(self) -> float | None:
+        """A limit of the command below the declared one, if there is one."""
+        limit = self.loop.controller.limit
+        return limit if limit < self.declared.limit else None
 
     @property
     def trustworthy(self) -> bool:
@@ -115,7 +117,7 @@ class Parity:
     @property
     def found(self) -> dict[str, float]:
         """What the axis file has not: relative errors, feed-forwards, or another law's gains."""
-        if not (self.taken and self.declared):
+        if not self.taken:
             return self.mismatch
         law = self.loop.controller
         fed = {f"feedforward.{k}": v for k, v in law.feedforward.items()}
@@ -166,7 +168,6 @@ def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int
         again,
         before=found.before,
         mismatch={**again.mismatch, "added": (1.0 + extra) * (1.0 + more) - 1.0},
-        tvalues={**again.tvalues, "added": found.tvalues["added"]},
     )
 
 
@@ -191,22 +192,18 @@ def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
     free = ~at_limit
     size = np.linalg.norm(signals.command[PARITY_HEAD:])
     if np.linalg.norm(declared[PARITY_HEAD:]) > ROUNDING * size:
-        delay, fitted, tvalues = _best_delay(signals, loop.controller, free)
-        kept = _material(signals, loop.controller, delay, fitted, tvalues, free)
+        kept, delay = _best_delay(signals, loop.controller, free)
     else:
-        delay, kept, tvalues = loop.controller.delay, {}, {}
+        kept, delay = {}, loop.controller.delay
     controller = _corrected(loop.controller, delay, kept, limit)
     error = signals.error(controller, delay, kept.get("added", 0.0))
     found = Parity(
         loop=replace(loop, controller=controller),
         before=float(np.linalg.norm(declared[PARITY_HEAD:]) / size),
         after=float(np.linalg.norm(error[PARITY_HEAD:]) / size),
-        delay=delay,
-        mismatch=kept,
-        tvalues={name: tvalues[name] for name in kept},
-        limit=limit,
-        clipped=float(np.mean(at_limit)),
         declared=loop.controller,
+        mismatch=kept,
+        clipped=float(np.mean(at_limit)),
         at=_once(error, record.t),
     )
     return found, signals
@@ -237,8 +234,7 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
         one, _ = _checked(interpolated(record, count), loop)
         if not one.mismatch and abs(one.delay - declared) < FASTER_LATE * count:
             law = replace(one.loop.controller, delay=declared)
-            one = replace(one, loop=replace(loop, controller=law), delay=declared)
-            return replace(one, oversampling=count)
+            return replace(one, loop=replace(loop, controller=law), oversampling=count)
     return found
 
 
@@ -270,9 +266,7 @@ def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> 
         found,
         loop=replace(loop, controller=law),
         after=after,
-        delay=law.delay,
         mismatch=mismatch,
-        tvalues=dict.fromkeys(mismatch, np.inf),
         read=fit,
         taken=True,
     )
@@ -445,13 +439,13 @@ def _explains(signals: Signals, controller: Controller, law: Array, level: float
 
 def _best_delay(
     signals: Signals, controller: Controller, free: NDArray[np.bool_]
-) -> tuple[int, dict[str, float], dict[str, float]]:
-    fits = []
-    for delay in range(MAX_DELAY + 1):
-        values, tvalues, cost = _fit(signals, controller, delay, free)
-        fits.append((cost, delay, values, tvalues))
-    _, delay, values, tvalues = min(fits, key=lambda fit: fit[0])
-    return delay, values, tvalues
+) -> tuple[dict[str, float], int]:
+    """Return the mismatch that is worth a name, at the delay that explains most, and that."""
+    delays = range(MAX_DELAY + 1)
+    fits = [_fit(signals, controller, delay, free) for delay in delays]
+    delay = min(delays, key=lambda k: fits[k][2])
+    values, tvalues, _ = fits[delay]
+    return _material(signals, controller, delay, values, tvalues, free), delay
 
 
 def _fit(
@@ -486,10 +480,10 @@ def _fit(
     return as_dict[0], as_dict[1], float(e @ e)
 
 
-def _deviations(columns: Array, e: Array, blocks: int = PARITY_BLOCKS) -> Array:
+def _deviations(columns: Array, e: Array) -> Array:
     """Return block-robust standard deviations."""
     bread = np.linalg.pinv(columns.T @ columns)
-    parts = np.array_split(np.arange(len(e)), blocks)
+    parts = np.array_split(np.arange(len(e)), PARITY_BLOCKS)
     firsts = np.array([rows[0] for rows in parts if len(rows)], dtype=np.intp)
     meat = block_covariance(columns * e[:, np.newaxis], firsts)
     return np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0))

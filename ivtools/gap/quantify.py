@@ -226,7 +226,7 @@ def how_far(
     before = replace(plain, fold=replace(plain.fold, keep=fold.keep))
     parity = measured[-1].parity
     right = not (parity.mismatch or parity.taken)
-    same = right and parity.delay == plain.loop.controller.delay
+    same = right and parity.delay == parity.declared.delay
     if not named and (same or after.force_rms > before.force_rms):
         after = before
     still = replace(after, values=_handed_over(result.fits[0], after))

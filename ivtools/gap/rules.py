@@ -438,9 +438,9 @@ ADEQUATE = 1.12
 #: A record of n samples shows none up to `ADEQUATE` + (`SHORT` / n)^2, for its noise is badly known
 #: (training: 26 healthy records of 1100 to 3000 samples).
 SHORT = 520
-#: Whitened energy that names leave from which none of it counts as floor, and the width below it
-#: over which the share that counts rises to all of it (training).
-ADEQUATE_NAMED, ALL_LEFT = 1.15, 0.1
+#: Whitened energy that names leave from which none of it counts as floor; the share that counts
+#: rises to all of it at `CLEAN` (training).
+ADEQUATE_NAMED = 1.15
 #: Two effects whose gains differ by at most this share (and what they leave by `EQUALLY`) are not
 #: told apart by any t value (judgement: a spring and gravity over a short stroke differ by 2e-4 to
 #: 0.0052, one of them named for the other with a t value of 4; two laws of the speed by 0.012 to

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -34,7 +34,7 @@ class Inspected(NamedTuple):
     Attributes
     ----------
     checked : tuple of Parity
-        Of each record.
+        Of each record that is given.
     found : tuple of Finding
     """
 
@@ -62,6 +62,8 @@ class Task:
         Whether the final model is fitted to all of the record.
     described : bool, optional
         Whether a force without a name is described.
+    links : sequence of Link or None, optional
+        What the links of a robot leave unknown of the load, of each record that is given.
     places : mapping of str to mapping, optional
         Where valleys of an effect are known to be: a search that begins in one ends there.
     inspected : Inspected, optional
@@ -141,9 +143,9 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     """Fit the base model and measure the floor; return the diagnosis if the input is refused."""
     say = progress or mute
     if not 0.0 <= task.tolerance < math.inf:
-        given = f"a tolerance of {task.tolerance} % of the force"
-        raise IVToolsError(f"{given} tells nothing; give a number, 0 or more")
-    for one in (r for r in (*task.records, task.judge) if r is not None):
+        asked = f"a tolerance of {task.tolerance} % of the force"
+        raise IVToolsError(f"{asked} tells nothing; give a number, 0 or more")
+    for one in task.given.values():
         preflight.require(one)
     say("controller parity")
     rules = task.rules or Rules()
@@ -161,32 +163,30 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     task, alone = _both_ways(task, loop)
     if task.inspected is None:
         task, compared, late = _on_time(task, loop)
-        inspected = _inspected(task.records, loop, compared)
+        inspected = _inspected(task, loop, compared)
     else:
         inspected, late = task.inspected.under(loop), []
-    record, records = task.record, task.records
+    record, records, given = task.record, task.records, task.given.values()
+    checked, found = inspected.checked[: len(records)], list(inspected.found)
     law = [*near, *rounded, *law, *note, *alone, *late, *parts]
-    checked, found = inspected.checked, list(inspected.found)
-    if task.judge is not None:
-        found += [f for r in records for f in preflight.overlap(r, task.judge, "judge")]
+    shown = _shown(given, inspected.checked, inspected.checked)
     if any(f.fatal for f in found):
-        return refused(record, loop, checked, [*found, *law])
+        return refused(record, loop, checked, [*found, *shown, *law])
     say("base model and floor")
     try:
-        links = [*task.links, *[None] * 3]
+        none = [None] * len(given)
         ready = [
             prepared(r, p, records)._replace(link=link)
-            for r, p, link in zip(records, checked, links, strict=False)
+            for r, p, link in zip(given, inspected.checked, task.links or none, strict=True)
         ]
         if loop.controller.kind != "none" and any(r.driven for r in ready):
             found.append(preflight.HELD)
-        third = None
-        if task.judge is not None:
-            third = _judging(task.judge, loop, records, links[2], checked[0].oversampling)
         loop = _comparable(preflight.identifiable(records, loop), ready[0])
-        measured = _confirmed(loop, tuple(threaded(measure, ready)))
+        every = tuple(threaded(measure, ready))
+        measured = _confirmed(loop, every[: len(records)])
     except IVToolsError as error:
-        return refused(record, loop, checked, [*found, Finding(str(error)), *law])
+        return refused(record, loop, checked, [*found, *shown, Finding(str(error)), *law])
+    law = [*_shown(given, inspected.checked, [m.parity for m in measured]), *law]
     if len(records) == 2:
         found += preflight.same_axis([m.base for m in measured])
         level = floor.between(*(m.base for m in measured))
@@ -201,6 +201,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         a, b = measured
         measured = beside_silent(a, b, least), beside_silent(b, a, least)
     measured = tuple(replace(m, side=replace(m.side, places=task.places)) for m in measured)
+    third = None if task.judge is None else every[-1]
     return Begun(task, loop, measured, third, rules, [*found, *law], inspected)
 
 
@@ -298,9 +299,9 @@ def _both_ways(task: Task, loop: ClosedLoop) -> tuple[Task, list[Finding]]:
         return task, []
     at = oneway.index(True)
     left, kept = task.records[at], task.records[1 - at]
-    links = [*task.links, *[None] * 3]
+    links = [link for k, link in enumerate(task.links) if k != at]
     said = preflight.only_one_way(f", so {kept.name} is diagnosed alone")
-    task = replace(task, record=kept, holdout=None, links=(links[1 - at], None, links[2]))
+    task = replace(task, record=kept, holdout=None, links=links)
     return task, preflight.named([said], left)
 
 
@@ -323,10 +324,9 @@ def _bounded(task: Task, samples: int) -> tuple[Task, list[Finding]]:
     return task, [Finding(line, fatal=False) for line in said]
 
 
-def _inspected(
-    records: Sequence[Record], loop: ClosedLoop, compared: Sequence[Parity]
-) -> Inspected:
+def _inspected(task: Task, loop: ClosedLoop, compared: Sequence[Parity]) -> Inspected:
     """Return what is wrong with the records, or worth a word, by the record's name."""
+    records = list(task.given.values())
 
     def known(record: Record, p: Parity) -> Parity:
         """Ask the record for its own law where the declared one explains little."""
@@ -334,23 +334,31 @@ def _inspected(
         return parity.check(record, loop, oversampling=1) if poor else p
 
     checked = tuple(threaded(known, records, compared))
-    seen = threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
-    if len(records) == 1:
-        return Inspected(checked, tuple(seen[0]))
-    named = [preflight.named(s, r) for s, r in zip(seen, records, strict=True)]
-    return Inspected(checked, (*named[0], *named[1], *preflight.overlap(records[0], records[1])))
+    found = _by_record(
+        records, threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
+    )
+    if task.holdout is not None:
+        found += preflight.overlap(task.record, task.holdout)
+    if task.judge is not None:
+        found += [f for r in task.records for f in preflight.overlap(r, task.judge, "judge")]
+    return Inspected(checked, tuple(found))
 
 
-def _judging(
-    judge: Record,
-    loop: ClosedLoop,
-    records: Sequence[Record],
-    link: Link | None,
-    oversampling: int,
-) -> Measured:
-    """Return the record that takes part in nothing, measured as the others are."""
-    ready = prepared(judge, parity.check(judge, loop, oversampling=oversampling), records)
-    return measure(ready._replace(link=link))
+def _shown(
+    given: Collection[Record], found: Sequence[Parity], kept: Sequence[Parity]
+) -> list[Finding]:
+    """Return what is said of other laws that records show, taken or not."""
+    pairs = zip(found, kept, strict=False)
+    said = [preflight.other_law(p, taken=k.mismatch == p.mismatch) for p, k in pairs]
+    return _by_record(given, said)
+
+
+def _by_record(given: Collection[Record], found: Iterable[list[Finding]]) -> list[Finding]:
+    """Return what is said of each record, with its name if there are several."""
+    if len(given) == 1:
+        return [f for each in found for f in each]
+    pairs = zip(given, found, strict=False)
+    return [f for record, each in pairs for f in preflight.named(each, record)]
 
 
 def _comparable(loop: ClosedLoop, one: Ready) -> ClosedLoop:
@@ -371,8 +379,10 @@ def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measur
             and not m.driven
             and quantify.declared(loop, (m,)).force_rms <= m.base.force_rms
         ):
-            plain = replace(m.base.loop, controller=replace(loop.controller, delay=p.delay))
-            p = replace(p, loop=plain, mismatch={}, tvalues={}, after=p.before, taken=False)
+            shown = p.loop.controller
+            declared = replace(loop.controller, delay=shown.delay, limit=shown.limit)
+            plain = replace(m.base.loop, controller=declared)
+            p = replace(p, loop=plain, mismatch={}, after=p.before, taken=False)
             again = Ready(m.logged, plain, p, m.fold.place, link=m.fold.link)
             m = measure(again)
         kept.append(m)

@@ -53,14 +53,14 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     """Put the diagnosis together."""
     task, loop, measured, rules = begun.task, begun.loop, begun.measured, begun.rules
     checked, held_out = tuple(m.parity for m in measured), task.holdout is not None
-    (at_controller, values), declared = parity.effects(checked), loop.controller.delay
+    at_controller, values = parity.effects(checked)
     places = result.places
     outcome = _that_lower(loop, measured, result, fold, (at_controller, values), held_out, swung)
     effects, result, shrink, traces, said = outcome
     if begun.third is not None:
         shrink = replace(shrink, judged=quantify.judge(loop, begun.third, result))
     before, after = cost(result.base), cost(result.held)
-    given = len(begun.inspected.checked)  # records, whether they judge or not
+    given = len(begun.inspected.checked) - (task.judge is not None)
     tell = task.described and after > CLEAN
     left = _left(begun, result, fold) if tell else None
     if left is not None and measured[-1].floor.between is None:
@@ -80,7 +80,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         parameters={e: v for e, v in {**values, **result.parameters}.items() if e in effects},
         block=locate.block(
             effects,
-            controller=any(p.delay != declared for p in checked),
+            controller=any(p.delay != p.declared.delay for p in checked),
             events=any(m.floor.isolated for m in measured) and not bent,
             gap=word != "adequate",
             outside=remark is verdict.OUTSIDE,
@@ -88,7 +88,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         regions=locate.regions(fold.record, fold.keep, traces.before, traces.after),
         shrink=shrink,
         ranking=verdict.ranking(result, rules, max(before, UNNAMED) - 1.0),
-        advice=(*advice.motions(result), *advice.remarks(loop, measured, result, held_out, given)),
+        advice=(*advice.motions(result), *advice.remarks(measured, result, held_out, given)),
         findings=(*begun.found, *said, *([remark] if remark else [])),
         parity=checked,
         floors=tuple(m.floor for m in measured),

@@ -214,30 +214,42 @@ def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]
 
 
 def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
-    """Say which law the record shows; only a unit, a sign, or a command without law is fatal."""
-    if parity.oversampling > 1:  # its settings explain the command at that rate
-        return []
-    gross = {n: v for n, v in parity.mismatch.items() if abs(v) > GROSS_GAIN}
-    if parity.trustworthy and not gross and not parity.taken:
+    """Refuse a unit, a sign, or a command without law; another law is said when it is taken."""
+    if parity.oversampling > 1 or not (_gross(parity) or parity.taken or not parity.trustworthy):
         return []
     unit = "; ".join(checks.doubts(record)) or wrong_unit(record, loop, parity)
     if unit:
         return [Finding(unit)]
+    return [] if parity.trustworthy else [Finding(explain_command(parity))]
+
+
+def _gross(parity: Parity) -> dict[str, float]:
+    """Return the settings that are so wrong that they are said; none where the rate explains it."""
+    large = {n: v for n, v in parity.mismatch.items() if abs(v) > GROSS_GAIN}
+    return large if parity.oversampling == 1 else {}
+
+
+def other_law(parity: Parity, taken: bool = True) -> list[Finding]:
+    """Say which other law the record shows, and whether the diagnosis goes on with it."""
+    gross = _gross(parity)
+    if not parity.trustworthy or not (gross or parity.taken):
+        return []
     on = "the diagnosis goes on with the record's; correct [controller]"
-    if parity.taken and parity.loop.controller.kind != loop.controller.kind:
-        text = f"the record shows {described(parity.loop.controller)}; the axis file says kind "
-        return [Finding(f"{text}{loop.controller.kind}: {on}{_remains(parity)}", fatal=False)]
+    if not taken:
+        on = "the simulated force is no nearer with it, so that of the axis file is kept"
+    shown, declared = parity.loop.controller, parity.declared
+    if shown.kind != declared.kind:
+        text = f"the record shows {described(shown)}; the axis file says kind {declared.kind}"
+        return [Finding(f"{text}: {on}{_remains(parity)}", fatal=False)]
     own = {k: v for k, v in parity.mismatch.items() if k != "added"}
-    if parity.trustworthy and "added" in gross and not own and not parity.taken:
+    if "added" in gross and not own and not parity.taken:
         text = f"the added input acts with {1.0 + gross['added']:.3g} times its recorded size"
         wrong = "unit" if gross["added"] > -1.0 else "sign"
-        return [Finding(f"{text}; the diagnosis goes on with that: check its {wrong}", fatal=False)]
-    if parity.trustworthy:
-        text = _changes(loop.controller, own)
-        text = f" ({text})" if text else f" ({described(parity.loop.controller)})"
-        text = f"the record shows other controller settings than the axis file{text}; {on}"
-        return [Finding(f"{text}{_remains(parity)}", fatal=False)]
-    return [Finding(explain_command(parity))]
+        on = f"the diagnosis goes on with that: check its {wrong}" if taken else on
+        return [Finding(f"{text}; {on}", fatal=False)]
+    text = f" ({_changes(declared, own) or described(shown)})"
+    text = f"the record shows other controller settings than the axis file{text}; {on}"
+    return [Finding(f"{text}{_remains(parity)}", fatal=False)]
 
 
 def _changes(controller: Controller, mismatch: Mapping[str, float]) -> str:
