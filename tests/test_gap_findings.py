@@ -306,9 +306,12 @@ def test_an_identified_controller_says_nothing_of_itself(twin, loop):
 @pytest.mark.parametrize("times", [1.5, 2.0])
 def test_an_added_input_of_another_size_is_no_other_law(emps_pulses, loop, times):
     wrong = emps_pulses.replace(added=emps_pulses.added / times)
-    (found,) = preflight.inspect(wrong, loop, parity.check(wrong, loop))
-    assert f"the added input acts with {1.015 * times:.2g}" in found.text
-    assert not found.fatal and "kind" not in found.text
+    shown = parity.check(wrong, loop)
+    assert not preflight.inspect(wrong, loop, shown)
+    for taken, what in ((True, "goes on with that"), (False, "that of the axis file is kept")):
+        (found,) = preflight.other_law(shown, taken)
+        assert f"the added input acts with {1.015 * times:.2g}" in found.text
+        assert what in found.text and not found.fatal and "kind" not in found.text
 
 
 def test_the_holdout_judges_an_identified_controller(twin, loop):

@@ -81,6 +81,14 @@ def test_a_third_record_judges_with_clean_figures(judged):
     assert "which only judges" in judged.summary()
 
 
+def test_a_judge_in_other_units_is_refused_by_its_name():
+    one, two, three = (record(seed).replace(name=f"run {seed}") for seed in (3, 4, 5))
+    wrong = three.replace(q=1e3 * three.q)
+    gap = iv.diagnose(one, iv.axes.emps(), two, judge=wrong)
+    (fault,) = [f for f in gap.findings if f.fatal]
+    assert gap.shrink is None and fault.text.startswith("run 5: ")
+
+
 def test_the_gap_is_said_in_newtons_and_per_cent_of_the_force(judged):
     gap = judged.to_dict()["gap"]
     assert gap["unit"] == "N" and gap["before"] == judged.shrink.before
