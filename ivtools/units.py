@@ -250,6 +250,17 @@ def prefixed(size: float, unit: str) -> tuple[float, str]:
     return factor, prefix + unit
 
 
+def plural(count: int, what: str) -> str:
+    """Return a number of things.
+
+    Examples
+    --------
+    >>> plural(1, "record"), plural(2, "record")
+    ('1 record', '2 records')
+    """
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
 def percent(share: float) -> str:
     """Return a share in per cent with two digits or one decimal, the same before and after.
 

@@ -89,8 +89,8 @@ EXCITATIONS: dict[str, Callable[[Record], Record]] = {
     "a dither of 3 to 50 Hz added to the command (a tenth of its largest value)": _dither,
 }
 
-MADE_BY = dict(zip(EXCITATIONS, ("steps", "steps", "steps", "sweep"), strict=True))
-"""The reference of `ivtools excite` that has such a motion."""
+_MADE_BY = dict(zip(EXCITATIONS, ("steps", "steps", "steps"), strict=False))
+"""The reference of `ivtools excite` that has such a motion; a dither is none."""
 
 
 def separate(first: Fit, second: Fit, name: str, other: str) -> str:
@@ -115,10 +115,11 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
             "stroke or a sensor at another place may"
         )
     grows = f"{100 * now:.0f} % to {100 * better[text]:.0f} %"
+    kind = _MADE_BY.get(text)
+    made = f"; ivtools excite --kind {kind} makes such a reference" if kind else ""
     return (
         f"to tell {name} from {other}: {text}; the part of what it does to the command that the "
-        f"other one cannot imitate grows from {grows}; ivtools excite --kind {MADE_BY[text]} makes "
-        "such a reference"
+        f"other one cannot imitate grows from {grows}{made}"
     )
 
 
@@ -146,7 +147,7 @@ def _signature(fit: Fit, name: str, record: Record) -> tuple[Array, Array]:
         start={k: v for k, v in loop.start.items() if not k.startswith(name + ".")},
     )
     values = {n: fit.values[n] for n in plain.parameters}
-    response = responses.measure(plain, record, values)
+    response = responses.measure(plain, record, values, fit.fold.oversampling)
     fold = replace(fit.fold, record=record, keep=usable(record, loop), response=response)
     simulation = fold.simulate(plain, values)
     e = fold.judged(plain, simulation)
@@ -161,7 +162,7 @@ def motions(result: Attribution) -> list[str]:
     fits = {t.name: t.fits[0] for t in result.trials}
     for name, others in result.ambiguous.items():
         for other in others:
-            if name in fits and other in fits:
+            if name in fits and other in fits and fits[name].fold.movable:
                 lines.append(separate(fits[name], fits[other], name, other))
     return lines
 

@@ -20,7 +20,7 @@ from .discrepancy import Discrepancy
 from .fit import Fit
 from .floor import Floor
 from .locate import Region
-from .parity import Parity
+from .parity import Parity, relative
 from .preflight import Finding
 from .quantify import Shrink, Traces
 from .rules import EXPLAINED, NOTHING_ALONE, TOLERANCE
@@ -196,14 +196,10 @@ class Diagnosis(Displayed):
         """Return a parameter of a named effect with its unit."""
         value, known = self.parameters[effect][parameter], self.loop.parameters
         if effect == "controller-mismatch":
-            return f"{100 * value:+.3g} %" if self._relative(parameter) else f"{value:.4g}"
+            return f"{100 * value:+.3g} %" if relative(self.parity, parameter) else f"{value:.4g}"
         name = f"{effect}.{parameter}"
         unit = known[name].unit_for(self.loop.joint) if name in known else ""
         return quantity(value, unit.removeprefix("1"))
-
-    def _relative(self, setting: str) -> bool:
-        """Whether the controller's fault is the relative error of a setting that was declared."""
-        return all(setting in (*p.mismatch, "added") for p in self.parity if setting in p.found)
 
     @property
     def size(self) -> str:

@@ -117,11 +117,6 @@ class Fit:
         size, turn = np.linalg.eigh(J.T @ J)
         return np.asarray(np.sum(turn[:, size < 1e-9 * size[-1]] ** 2, axis=1))
 
-    @property
-    def variances(self) -> dict[str, float]:
-        """Block-robust variance of every free parameter."""
-        return dict(zip(self.free, np.diag(self._covariances[1]).tolist(), strict=True))
-
     def deviation(self, names: Sequence[str]) -> float:
         """Return the standard error of a sum of free parameters.
 

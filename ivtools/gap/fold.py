@@ -165,6 +165,11 @@ class Fold:
     oversampling: int = 1
 
     @property
+    def movable(self) -> bool:
+        """Whether its loop can make another motion: no place or load is the record's own."""
+        return self.place is None and self.link is None
+
+    @property
     def n_kept(self) -> int:
         """Number of samples that count."""
         return int(self.keep.sum())

@@ -24,7 +24,8 @@ class Region:
     ----------
     name : str
     energy, time : float
-        Its share of the energy of the force error, and of the time.
+        Its share of the energy of the force error, and of the time; of a band of frequencies, of
+        the width of the spectrum.
     after : float
         The energy that the named effects leave there, as a share of the whole energy before.
     """

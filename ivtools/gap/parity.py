@@ -8,6 +8,7 @@ behind the command.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -282,6 +283,12 @@ def _differences(declared: Controller, law: Controller, fit: ControllerFit) -> d
     }
     found = {k: new / old - 1.0 for k, (old, new) in pairs.items() if old}
     return {k: v for k, v in found.items() if abs(v) > least}
+
+
+def relative(checked: Sequence[Parity], setting: str) -> bool:
+    """Whether what records show of a setting is the relative error of one that was declared."""
+    shown = [p for p in checked if setting in p.found]
+    return bool(shown) and all(setting in (*p.mismatch, "added") for p in shown)
 
 
 def effects(

@@ -321,14 +321,14 @@ class _Tries:
         return sorted({*names} - {*self.made} - hopeless)
 
 
-def pvalues(first: Round, draws: int = DRAWS) -> dict[str, float]:
+def pvalues(first: Round) -> dict[str, float]:
     """Return p values by the bootstrap of the largest t over all that was screened."""
     if not first.trials:
         return {}
     rng = np.random.default_rng(np.random.SeedSequence(list(b"max-t")))
-    worst = np.zeros(draws)
+    worst = np.zeros(DRAWS)
     for scores in first.scores:
-        signs = rng.choice([-1.0, 1.0], size=(draws, scores.shape[1]))
+        signs = rng.choice([-1.0, 1.0], size=(DRAWS, scores.shape[1]))
         size = np.maximum(np.linalg.norm(scores, axis=1), 1e-300)
         worst = np.maximum(worst, np.max(np.abs(signs @ scores.T) / size, axis=1))
     return {t.name: float(np.mean(worst >= max(np.min(t.t), 0.0))) for t in first.trials}

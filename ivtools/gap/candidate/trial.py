@@ -166,11 +166,6 @@ class Trial:
         return any(map(beyond, self.fits))
 
     @cached_property
-    def lowers(self) -> bool:
-        """Whether the plain force error on held-out data, of both folds, is smaller with it."""
-        return self.lowered > 0.0
-
-    @cached_property
     def lowered(self) -> float:
         """By how much, in energy, of that of the force."""
         before, after = (sum(f.force_rms**2 for f in fits) for fits in (self.before, self.held))
@@ -231,7 +226,7 @@ class Trial:
     @property
     def sound(self) -> bool:
         """Whether it does what its name says, and the force error is smaller for it."""
-        return self.meant and self.lowers and self.distinct
+        return self.meant and self.lowered > 0.0 and self.distinct
 
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates, and the force error is smaller for it by enough."""

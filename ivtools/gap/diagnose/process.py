@@ -12,7 +12,6 @@ from ...record import Record
 from ...simulators.protocol import Simulator
 from ...workers import one_blas_thread
 from ..diagnosis import Diagnosis
-from ..fold import Link
 from ..rules import TOLERANCE, Rules
 from ..simulator import against, confirm, run
 from .begun import Progress, Task, begin
@@ -32,7 +31,6 @@ def diagnose(
     rules: Rules | None = None,
     extra: Sequence[Term] = (),
     without: Sequence[str] = (),
-    links: Sequence[Link | None] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Say where a simulation parts from a record, which effect it lacks, and how far that closes.
@@ -62,8 +60,6 @@ def diagnose(
         Effects of your own that take part.
     without : sequence of str
         Effects to leave out of the library.
-    links : sequence of Link or None
-        Of the record, the holdout and the judge, where the axis is a joint of a robot.
     progress : callable, optional
         Called with a line of text at each stage.
 
@@ -96,7 +92,7 @@ def diagnose(
         """Diagnose one record beside another; without names or descriptions where asked."""
         whole = simulated is not None
         kept = rules if named else replace(rules or Rules(), most=0)
-        asked = (tolerance, kept, extra, without, links)
+        asked = (tolerance, kept, extra, without)
         task = Task(one, loop, other, judge, *asked, whole=whole, described=described)
         return finish(begin(task, progress), progress)
 

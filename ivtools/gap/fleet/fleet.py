@@ -15,7 +15,8 @@ from ...display import Displayed
 from ...files import write
 from ...physics import EFFECTS, PHASES
 from ...tables import Text, csv, table
-from ...units import prefixed
+from ...units import plural, prefixed
+from ..verdict import tally
 from .entry import FAILED, Entry
 from .shelf import PAGES
 
@@ -104,8 +105,7 @@ class Fleet(Displayed):
 
     @property
     def _title(self) -> str:
-        plural = "s" if len(self) != 1 else ""
-        return f"Fleet of {self.axis}: {len(self)} record{plural}"
+        return f"Fleet of {self.axis}: {plural(len(self), 'record')}"
 
     def _lines(self) -> list[str]:
         """Return how many records have which verdict, and show which effect."""
@@ -190,9 +190,7 @@ class Fleet(Displayed):
         remarks = [f"{e.name}: {e.remark}" for e in idle[:4]]
         if len(idle) > 4:
             remarks.append(f"and {len(idle) - 4} more that were not judged: see the table")
-        counts = Counter(e.verdict for e in self.entries).most_common()
-        verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts)
-        verdict = f"{len(self)} records: {verdicts}."
+        verdict = tally("record", (e.verdict for e in self.entries))
         return Card(verdict, tuple(facts), tuple(remarks), "doubt" if self.failed else "good")
 
     def save(self, folder: str | Path) -> Path:

@@ -151,7 +151,7 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
             lines = _lines(fold, response, rest, whitener, simulation)
             more = np.hstack([lines, memories(simulation), mixed(simulation)])
             columns = np.hstack([columns, response(more)])
-        rest = _refit(columns, fit, raw, whitener, _typical(white / scale, keep, dt, rounded))
+        rest = _refit(columns, fit, raw, whitener, keep & ~events(white / scale, keep, dt, rounded))
     white = fir(whitener, rest)
     mask = events(white, keep, dt, rounded)
     if not mask.any():  # what short windows show has sharper ends there
@@ -330,7 +330,3 @@ def _size(whitener: Array, taken: Array, dt: float) -> float:
     quiet = stats.chi2.cdf(stats.chi2.ppf(QUIET, freedom), freedom + 2.0) / QUIET
     left = np.where(hz < SPLIT_HZ, quiet, 1.0) * np.maximum(1.0 - taken, LEAST_LEFT)
     return float(np.sqrt(np.sum(power / left) * width * 2.0 * dt))
-
-
-def _typical(white: Array, keep: Mask, dt: float, rounded: Mask) -> Mask:
-    return keep & ~events(white, keep, dt, rounded)

@@ -382,15 +382,15 @@ def _shared(record: Record, holdout: Record) -> float:
     return max(_held(one, two), _held(two, one))
 
 
-def _held(one: Array, two: Array, windows: int = LOOKS, width: int = LOOK_WIDTH) -> float:
+def _held(one: Array, two: Array) -> float:
     """Return the share of the stretches of `two` that `one` holds, sample for sample.
 
     Only stretches in which the position moves and the command does all the time: standing still is
     the same in any record.
     """
-    starts = np.linspace(0, len(two) - width, windows).astype(int)
-    parts = [two[s : s + width] for s in starts]
-    moving = [p for p in parts if np.ptp(p[:, 0]) and len(np.unique(p[:, 1])) >= MOST * width]
+    starts = np.linspace(0, len(two) - LOOK_WIDTH, LOOKS).astype(int)
+    parts = [two[s : s + LOOK_WIDTH] for s in starts]
+    moving = [p for p in parts if np.ptp(p[:, 0]) and len(np.unique(p[:, 1])) >= MOST * LOOK_WIDTH]
     return float(np.mean([_holds(one, p) for p in moving])) if moving else 0.0
 
 

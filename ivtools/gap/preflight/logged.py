@@ -18,7 +18,7 @@ from ...errors import IVToolsError
 from ...loop import ClosedLoop
 from ...physics import TERMS, Term
 from ...record import Record
-from ...units import JOINTS, quantity
+from ...units import JOINTS, plural, quantity
 from .. import parity
 from ..parity import Parity
 from ..rules import (
@@ -188,7 +188,7 @@ def late(samples: int, left: float) -> Finding:
     left : float
         Share of the base model's force error with a controller of that delay that is left.
     """
-    count = f"{abs(samples)} sample" + "s" * (abs(samples) > 1)
+    count = plural(abs(samples), "sample")
     text = (
         f"the command is logged {count} {'after' if samples > 0 else 'before'} it acts: moved "
         f"back, the base model leaves {100 * left:.2g} % of the force error that it leaves with a "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,6 +13,7 @@ from ...units import quantity
 from ..diagnosis import Diagnosis
 from ..fleet.entry import Entry
 from ..fleet.fleet import Fleet
+from ..verdict import tally
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -149,11 +149,9 @@ class RobotDiagnosis(Displayed):
                  f"{name}, in one simulation of all: {quantity(before, unit, 3)} → "
                  f"{quantity(after, unit, 3)}")
             )  # fmt: skip
-        counts = Counter(d.verdict for d in self.joints.values()).most_common()
-        verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts)
-        good = {"adequate", "explained"} >= {verdict for verdict, _ in counts}
-        plural = "s" if len(self.joints) != 1 else ""
-        verdict = f"{len(self.joints)} joint{plural}: {verdicts}."
+        verdicts = [d.verdict for d in self.joints.values()]
+        good = {"adequate", "explained"} >= {*verdicts}
+        verdict = tally("joint", verdicts)
         asked = ("Put what is named into the model of its joint.",) if self.effects else ()
         steps = (*asked, *self.notes[:4])
         return Card(verdict, tuple(facts), steps, "good" if good else "doubt")

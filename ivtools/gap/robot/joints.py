@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import AxisError, EstimationError, IVToolsError
+from ...errors import AxisError, IVToolsError
 from ...estimators.instrumental import IDIMIV
 from ...estimators.least_squares import IDIMWLS
 from ...loop import RobotLoop
@@ -163,7 +163,7 @@ def errors(fit: FitResults, record: Record) -> dict[str, float]:
     try:
         values = loop.possible(values, record, lambda: fit.X)
         simulation = loop.simulate(record, values)
-    except (IVToolsError, EstimationError):
+    except IVToolsError:
         return dict.fromkeys(loop.joints, float("nan"))
     gap = loop.force(record) - simulation.tau
     skipped = gap[record.n_samples // SWING_IN :]

@@ -18,6 +18,7 @@ from .answer import (
     may_swing,
     no_better,
     remainder,
+    tally,
 )
 from .ranking import SCREENED, Ranked, ranking
 from .replica import Replica, replicas, replicate
@@ -38,4 +39,5 @@ __all__ = [
     "remainder",
     "replicas",
     "replicate",
+    "tally",
 ]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle
 
 import numpy as np
 
-from ...units import percent, quantity
+from ...units import percent, plural, quantity
 from ..attribute import Attribution, Supposed, cost
 from ..fit import Fit, common, gauss_newton, steps
 from ..floor import Measured
@@ -241,6 +242,13 @@ def no_better(
     rises = shrink.after > shrink.before
     why = "which is a rise" if rises else "which is too little"
     return Finding(f"{text}, {why}: nothing is named", fatal=False)
+
+
+def tally(what: str, verdicts: Iterable[str]) -> str:
+    """Return how many of some things have which verdict, the most frequent first, as a sentence."""
+    counts = Counter(verdicts)
+    each = ", ".join(f"{count} {verdict}" for verdict, count in counts.most_common())
+    return f"{plural(counts.total(), what)}: {each}."
 
 
 def may_swing(effects: Sequence[str]) -> Finding:

@@ -62,7 +62,7 @@ def ranking(result: Attribution, rules: Rules, energy: float) -> tuple[Ranked, .
     for name, gain in result.screened.items():
         trial = fitted.get(name)
         closed = float(np.clip((trial.gain if trial else gain) / gap, 0.0, 1.0))
-        p = result.pvalues.get(name, 1.0) if trial else 1.0
+        p = result.pvalues.get(name, 1.0)
         ranked.append(
             Ranked(name, closed, p, trial is not None, bool(trial and trial.passes(rules)))
         )

@@ -14,7 +14,7 @@ from ..attribute import Attribution
 from ..candidate import phases
 from ..discrepancy import beside
 from ..fit import Fit, of_effect
-from ..parity import Parity
+from ..parity import Parity, relative
 from ..rules import AGREES
 from ..screen import unit_force
 
@@ -196,8 +196,7 @@ def _controller(effect: str, sides: tuple[str, str], checked: Sequence[Parity]) 
         [[float(v) for v in p if v is not None] for p in values.values() if None not in p]
     )
     agree = _agree(_relative(both)) if len(both) else None
-    absolute = ("limit", "law.", "feed")  # what is no relative error
-    units = {n: "" if n.startswith(absolute) else "%" for n in values}
+    units = {n: "%" if relative(checked, n) else "" for n in values}
     return Replica(effect, sides, values, units, agree)
 
 
