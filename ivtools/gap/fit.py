@@ -18,10 +18,22 @@ from ..linalg import as_columns, block_covariance, independent, orthonormal, sol
 from ..loop import ClosedLoop, Simulation
 from ..physics import Parameter, Term
 from ..problem import Problem
+from ..record import Record
 from ..workers import threaded
 from .fold import Fold
 from .library import Scales
-from .rules import AGAIN, CONVERGED, JACOBIANS, KEEP_JACOBIAN, REACH, SHORTER, STEP, STIFF, UNSHOWN
+from .rules import (
+    AGAIN,
+    CONVERGED,
+    DEPENDENT,
+    JACOBIANS,
+    KEEP_JACOBIAN,
+    REACH,
+    SHORTER,
+    STEP,
+    STIFF,
+    UNSHOWN,
+)
 
 Array = NDArray[np.float64]
 
@@ -71,6 +83,14 @@ class Fit:
         """Measured less simulated force of the samples that count, N or N m, (n_kept,)."""
         return self.fold.likeliest(self.loop, self.simulation)[self.fold.keep]
 
+    def beyond_base(self, columns: Array | None = None) -> Array:
+        """Return what the free parameters cannot imitate of whitened columns, or of the error.
+
+        (n_kept,) or (n_kept, m).
+        """
+        x = self.e if columns is None else columns
+        return np.asarray(x - self.basis @ (self.basis.T @ x))
+
     @property
     def force_rms(self) -> float:
         """Force error, N or N m rms; inf if the loop diverges."""
@@ -94,7 +114,7 @@ class Fit:
     @cached_property
     def inverse(self) -> Inverse:
         """The inverse model of the fold's record."""
-        return Inverse.of(self.fold, self.loop)
+        return Inverse.of(self.fold.record, self.loop)
 
     @cached_property
     def _covariances(self) -> tuple[Array, Array]:
@@ -104,7 +124,7 @@ class Fit:
         """
         scale = np.maximum(np.linalg.norm(self.J, axis=0), 1e-300)
         J = self.J / scale
-        bread = np.linalg.pinv(J.T @ J, rcond=1e-9)
+        bread = np.linalg.pinv(J.T @ J, rcond=DEPENDENT)
         meat = block_covariance(J * self.e[:, None], self.fold.blocks)
         unit = np.outer(scale, scale)
         with np.errstate(invalid="ignore"):
@@ -115,7 +135,7 @@ class Fit:
         """Share of each free parameter that lies in directions without an effect, (p,)."""
         J = self.J / np.maximum(np.linalg.norm(self.J, axis=0), 1e-300)
         size, turn = np.linalg.eigh(J.T @ J)
-        return np.asarray(np.sum(turn[:, size < 1e-9 * size[-1]] ** 2, axis=1))
+        return np.asarray(np.sum(turn[:, size < DEPENDENT * size[-1]] ** 2, axis=1))
 
     def deviation(self, names: Sequence[str]) -> float:
         """Return the standard error of a sum of free parameters.
@@ -307,21 +327,21 @@ def _move(
 
 def _solve(J: Array, e: Array, units: Array) -> Array:
     """Return the Gauss-Newton step, damped in directions that the record does not show."""
-    return -units * normal(J * units, e, 1e-5)
+    return -units * normal(J * units, e)
 
 
-def normal(A: Array, b: Array, rcond: float) -> Array:
+def normal(A: Array, b: Array) -> Array:
     """Return the least-squares solution of few columns A (n, m), of whatever sizes.
 
     `b` is one signal (n,) or several (n, k); so is the solution, (m,) or (m, k).
 
-    By their normal equations. Directions whose singular value, of columns of unit length, is below
-    `rcond` times the largest stay at zero; with 1e-6 or more, squaring the condition number costs
-    nothing that would matter. Columns that are not finite, of a loop that diverged, give zeros.
+    By their normal equations. Directions whose energy, of columns of unit length, is below
+    `DEPENDENT` times the largest stay at zero; squaring the condition number costs nothing that
+    would matter then. Columns that are not finite, of a loop that diverged, give zeros.
     """
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
         return np.zeros((A.shape[1], *b.shape[1:]))
-    alone = independent(A, rcond**2)
+    alone = independent(A, DEPENDENT)
     return alone @ (alone.T @ (A.T @ b))
 
 
@@ -376,11 +396,6 @@ def heavy_enough(fold: Fold, loop: ClosedLoop, values: dict[str, float]) -> dict
     return {**values, name: min(values[name] * more, loop.parameters[name].upper)}
 
 
-def start(fold: Fold, loop: ClosedLoop) -> dict[str, float]:
-    """Return starting values from the inverse model by least squares."""
-    return Inverse.of(fold, loop).values()
-
-
 @dataclass(frozen=True, eq=False)
 class Inverse:
     """The inverse model of a record: what of the force the measured motion explains.
@@ -393,9 +408,9 @@ class Inverse:
     problem: Problem
 
     @classmethod
-    def of(cls, fold: Fold, loop: ClosedLoop) -> Inverse:
-        """Return that of a fold's record."""
-        return cls(Problem(fold.record, loop, loop.pipeline(fold.record, "record")))
+    def of(cls, record: Record, loop: ClosedLoop) -> Inverse:
+        """Return that of a record."""
+        return cls(Problem(record, loop, loop.pipeline(record, "record")))
 
     def values(
         self, term: Term | None = None, point: Mapping[str, float] | None = None

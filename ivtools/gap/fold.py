@@ -7,7 +7,7 @@ a set of parameter values into a whitened error.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -361,6 +361,19 @@ def block_t(sums: Array) -> float:
     """
     spread = float(np.linalg.norm(sums - np.mean(sums)))
     return float(np.sum(sums)) / max(spread, 1e-300)
+
+
+def better_t(folds: Sequence[Fold], worse: Sequence[Array], better: Sequence[Array]) -> float:
+    """Return the block t value by which the second of two errors is smaller, over all folds.
+
+    Parameters
+    ----------
+    folds : sequence of Fold
+    worse, better : sequence of ndarray, (n_kept,)
+        Whitened errors on each.
+    """
+    pairs = zip(folds, worse, better, strict=True)
+    return block_t(np.concatenate([fold.block_sums(a**2 - b**2) for fold, a, b in pairs]))
 
 
 def usable(record: Record, loop: ClosedLoop) -> Mask:

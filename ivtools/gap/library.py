@@ -59,10 +59,7 @@ class Scales:
     def column(self, term: Term, index: int, shape: dict[str, float]) -> Array:
         """Return the force per unit of one linear parameter along the reference, (n_samples,)."""
         q, dq, ddq, tau = self.trajectory
-        unit = [
-            shape.get(p.name, p.neutral) if not p.linear else float(i == index)
-            for i, p in enumerate(term.parameters)
-        ]
+        unit = term.unit(index, shape)
         return term.force(q, dq, ddq, unit, tau, self.record.t - self.record.t[0])
 
     def natural(self, term: Term, index: int, shape: dict[str, float]) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal, stats
 
+from ..linalg import rms
 from ..loop import ClosedLoop
 from ..record import Record
 from ..units import JOINTS, plain_number, prefixed
@@ -314,8 +315,8 @@ def judge(loop: ClosedLoop, third: Measured, result: Attribution) -> Judged:
     return Judged(
         third.fold.record.name,
         plain.force_rms,
-        _rms(e),
-        _rms(kept),
+        rms(e),
+        rms(kept),
         _interval(e, third.fold),
         _interval(kept, third.fold),
     )
@@ -353,13 +354,13 @@ def quantify(
     e0, e1, e2, e3 = (f.force_error for f in (before, after, frozen, corrected))
     return Shrink(
         unit=JOINTS[after.loop.joint].force,
-        before=_rms(e0),
-        after=_rms(e1),
-        corrected=_rms(e3),
+        before=rms(e0),
+        after=rms(e1),
+        corrected=rms(e3),
         interval=_interval(e1, fold),
-        floor=min([floor, *map(_rms, (e0, e1, e2))]),
+        floor=min([floor, *map(rms, (e0, e1, e2))]),
         held_out=held_out,
-        after_frozen=_rms(e2),
+        after_frozen=rms(e2),
         interval_frozen=_interval(e2, fold),
         force=fold.force_rms(after.loop),
         signals=_signals(before, after),
@@ -369,10 +370,6 @@ def quantify(
 def _largest(*errors: float) -> float:
     """Return the largest of some errors that is finite, else NaN."""
     return max((x for x in errors if np.isfinite(x)), default=float("nan"))
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2)))
 
 
 def _interval(e: Array, fold: Fold) -> tuple[float, float]:
@@ -390,7 +387,7 @@ def _interval(e: Array, fold: Fold) -> tuple[float, float]:
         return 0.0, 0.0
     spread = np.linalg.norm(sums - mean * sizes) * np.sqrt(count / (count - 1.0))
     reach = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1) * spread / np.sum(sums)) / 2.0
-    return _rms(e) * float(np.exp(-reach)), _rms(e) * float(np.exp(reach))
+    return rms(e) * float(np.exp(-reach)), rms(e) * float(np.exp(reach))
 
 
 def _signals(before: Fit, after: Fit) -> dict[str, tuple[float, float]]:
@@ -398,7 +395,7 @@ def _signals(before: Fit, after: Fit) -> dict[str, tuple[float, float]]:
     measured = _motion(record, after.loop)
     runs = [f.simulation.motion for f in (before, after)]
     return {
-        name: (_rms((m - runs[0][i])[keep]), _rms((m - runs[1][i])[keep]))
+        name: (rms((m - runs[0][i])[keep]), rms((m - runs[1][i])[keep]))
         for i, (name, m) in enumerate(
             zip(("position", "velocity", "acceleration"), measured, strict=True)
         )

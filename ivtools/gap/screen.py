@@ -89,8 +89,7 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
     dict
         Effect to `Score`.
     """
-    fold, now, basis = fit.fold, fit.simulation, fit.basis
-    e = fit.e - basis @ (basis.T @ fit.e)
+    fold, now, e = fit.fold, fit.simulation, fit.beyond_base()
     lines = spatial_lines.search(fold, side.response, e, now, terms)
     tried = [
         _direction(side, fit, now, term, shape)
@@ -98,7 +97,7 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
         for shape in _shapes(term, side.scales, lines)
     ]
     found: dict[str, list[Score]] = {}
-    for d in _beside(list(filter(None, tried)), side.fold, basis):
+    for d in _beyond_base(list(filter(None, tried)), fit):
         found.setdefault(d.term.name, []).append(_score(d, e, fold))
     for term in terms:
         if term.search == "valleys" and term.name not in found:  # every glance has strayed
@@ -106,22 +105,21 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
     return {name: _best(scores) for name, scores in found.items()}
 
 
-def _beside(tried: list[_Push | _Direction], fold: Fold, basis: Array) -> Iterator[_Direction]:
-    """Yield what starting points change beside a base model, all forces answered at once.
+def _beyond_base(tried: list[_Push | _Direction], fit: Fit) -> Iterator[_Direction]:
+    """Yield what starting points change beyond a base model, all forces answered at once.
 
     Those are left out whose loop has diverged.
     """
     pushes = [d for d in tried if isinstance(d, _Push)]
     forces = [f for d in pushes for f in d.forces.T]
-    wide = fold.answers(as_columns(forces)) if forces else np.empty((len(basis), 0))
+    answers = fit.fold.answers(as_columns(forces)) if forces else np.empty((fit.fold.n_kept, 0))
+    wide = fit.beyond_base(answers)
     edges = np.cumsum([0, *(d.forces.shape[1] for d in pushes)])
     parts = dict(zip(pushes, map(slice, edges[:-1], edges[1:]), strict=True))
-    known = basis.T @ wide
     for d in tried:
-        columns = wide[:, parts[d]] if isinstance(d, _Push) else d.columns
+        columns = wide[:, parts[d]] if isinstance(d, _Push) else fit.beyond_base(d.columns)
         if _sound(columns):
-            own = known[:, parts[d]] if isinstance(d, _Push) else basis.T @ columns
-            yield _Direction(d.term, d.shape, d.names, columns - basis @ own)
+            yield _Direction(d.term, d.shape, d.names, columns)
 
 
 def _best(scores: list[Score]) -> Score:
@@ -185,10 +183,7 @@ def unit_force(term: Term, index: int, shape: dict[str, float], simulation: Simu
     simulation : Simulation
     """
     q, dq, ddq = simulation.where, simulation.dq[:, 0], simulation.ddq[:, 0]
-    unit = [
-        shape.get(p.name, p.neutral) if not p.linear else float(i == index)
-        for i, p in enumerate(term.parameters)
-    ]
+    unit = term.unit(index, shape)
     return term.force(q, dq, ddq, unit, simulation.tau[:, 0], simulation.t - simulation.t[0])
 
 
@@ -199,7 +194,7 @@ def _sound(columns: Array) -> bool:
 
 def _score(d: _Direction, e: Array, fold: Fold) -> Score:
     """Regress the residual on the columns that the base model does not already have."""
-    beta = normal(d.columns, e, 1e-6)
+    beta = normal(d.columns, e)
     explained = d.columns @ beta
     gain = float(explained @ e / (e @ e))
     amplitudes = {n: -float(b) for n, b in zip(d.names, beta, strict=False)}

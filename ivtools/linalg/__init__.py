@@ -11,6 +11,7 @@ from ivtools.linalg.columns import (
     independent,
     orthonormal,
     projection,
+    rms,
 )
 from ivtools.linalg.covariance import Covariance, Stack, covariance, estimate_covariance
 from ivtools.linalg.long_run import (
@@ -57,6 +58,7 @@ __all__ = [
     "orthonormal",
     "projection",
     "reweighted",
+    "rms",
     "score_covariance",
     "segment_starts",
     "solve_iv",

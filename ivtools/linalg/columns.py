@@ -18,6 +18,11 @@ Array = NDArray[np.float64]
 SPAN = 1024
 
 
+def rms(x: Array) -> float:
+    """Return the root mean square of a signal."""
+    return float(np.sqrt(np.mean(x**2)))
+
+
 def as_columns(signals: Iterable[Array]) -> Array:
     """Return signals (N,) as columns (N, k), each in one piece of memory, as filters read them.
 

@@ -316,17 +316,27 @@ class Term:
         -------
         ndarray, (n_samples, number of linear parameters)
         """
-        given = shape or {}
-        rest = [
-            0.0 if p.linear else given.get(n, p.neutral)
-            for n, p in zip(self.names, self.parameters, strict=True)
-        ]
+        given = {n.partition(".")[2]: value for n, value in (shape or {}).items()}
         linear = [i for i, p in enumerate(self.parameters) if p.linear]
         out = np.empty((np.size(q), len(linear)))
         for column, i in enumerate(linear):
-            unit = [*rest[:i], 1.0, *rest[i + 1 :]]
-            out[:, column] = self.force(q, dq, ddq, unit, tau, t)
+            out[:, column] = self.force(q, dq, ddq, self.unit(i, given), tau, t)
         return out
+
+    def unit(self, index: int, shape: Mapping[str, float]) -> list[float]:
+        """Return its parameters with a unit of one that its force is linear in.
+
+        Parameters
+        ----------
+        index : int
+            Of that parameter; all other such are zero.
+        shape : mapping
+            The parameters that the force is not linear in, by short name; the rest is neutral.
+        """
+        return [
+            float(i == index) if p.linear else shape.get(p.name, p.neutral)
+            for i, p in enumerate(self.parameters)
+        ]
 
 
 def _ours(name: str) -> Term:

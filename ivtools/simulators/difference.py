@@ -20,6 +20,7 @@ from ivtools.checks import MIN_SAMPLES
 from ivtools.errors import ConvergenceWarning, EstimationError, IVToolsError, RecordError
 from ivtools.estimators.input_error import CLIE, DIDIM
 from ivtools.estimators.least_squares import IDIMLS
+from ivtools.linalg import rms
 from ivtools.linalg.swing import Swings
 from ivtools.loop.controllers import Seen
 from ivtools.problem import Problem
@@ -225,11 +226,6 @@ def dry(values: Mapping[str, float]) -> float:
 def _left(simulated: Record, loop: ClosedLoop, fit: FitResults) -> Array:
     """Return what a fitted model leaves of the simulator's command, (n_samples, 1)."""
     return base_simulation(loop, simulated, fit).nu - loop.command(simulated)
-
-
-def rms(x: Array) -> float:
-    """Return the root mean square of a signal."""
-    return float(np.sqrt(np.mean(x**2)))
 
 
 def base_simulation(loop: ClosedLoop, simulated: Record, base: FitResults) -> Simulation:

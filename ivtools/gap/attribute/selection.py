@@ -310,7 +310,7 @@ def _lost(fit: Fit, name: str) -> float:
     sizes = np.array([fit.values[n] if n in linear else 0.0 for n in fit.free])
     others = fit.J[:, [n not in term.names for n in fit.free]]
     change = fit.J @ sizes
-    rest = change - others @ normal(others, change, 1e-6)
+    rest = change - others @ normal(others, change)
     return float(rest @ rest) / len(rest)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from ...loop import ClosedLoop
 from ...physics import Term
 from ...workers import threaded
-from ..discrepancy import beside
 from ..fit import Fit, common, gauss_newton, jacobian, steps
 from ..fold import Side
 from ..rules import GOES_ON, NARROW, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
@@ -155,7 +154,7 @@ def gone_on(held: Fit, step: Mapping[str, float]) -> Fit:
         if not (term.of_time and known and held.simulation.finite):
             continue
         J = jacobian(held.fold, held.loop, held.values, known, step, held.simulation, held.e)
-        change = beside(held, J @ [[held.values[n]] for n in known])[:, 0]
+        change = held.beyond_base(J @ [held.values[n] for n in known])
         size = 1.0 - float(change @ held.e) / max(float(change @ change), 1e-300)
         size = float(np.clip(size, 1.0 / GOES_ON, GOES_ON))
         values = {**held.values, **{n: size * held.values[n] for n in known}}

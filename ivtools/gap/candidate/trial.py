@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...physics import Term
 from ..discrepancy import Laws, a_line, other_waves, smooth_rest, stands, unlike_smooth
 from ..fit import Fit, common
-from ..fold import Fold, block_t
+from ..fold import Fold, better_t
 from ..library import Scales
 from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, LEADING, MOST, STANDARD_ERRORS, Rules
 
@@ -204,7 +204,8 @@ class Trial:
         if self.term.search != "lines":
             return True
         waves = other_waves(self.before, self._periods(self.held))
-        if not all(block_t(self._over(w)) > STANDARD_ERRORS for w in waves):
+        folds, own = [h.fold for h in self.held], [h.e for h in self.held]
+        if not all(better_t(folds, w, own) > STANDARD_ERRORS for w in waves):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
         return self.unlike > MOST * (1.0 + rest) or rest < EXACT
@@ -212,11 +213,6 @@ class Trial:
     def _periods(self, fits: Sequence[Fit]) -> list[float]:
         """Return the period of a line over position in each fit, m or rad."""
         return [f.values[f"{self.name}.{self.term.period}"] for f in fits]
-
-    def _over(self, errors: Sequence[Array]) -> Array:
-        """Return by how much it does better than what leaves these errors, by block."""
-        both = zip(self.held, errors, strict=True)
-        return np.concatenate([h.fold.block_sums(e**2 - h.e**2) for h, e in both])
 
     @cached_property
     def meant(self) -> bool:
@@ -251,8 +247,9 @@ class Trial:
 
         Of both folds together: better on one and worse on the other is no difference.
         """
-        both = self._both(other)
-        return block_t(np.concatenate([f.block_sums(o**2 - h**2) for f, (_, h, _, o) in both]))
+        folds, errors = zip(*self._both(other), strict=True)
+        _, own, _, others = zip(*errors, strict=True)
+        return better_t(folds, others, own)
 
     def _both(self, other: Trial) -> Iterator[tuple[Fold, list[Array]]]:
         """Yield, per fold, the samples that count for both effects, and the errors there.

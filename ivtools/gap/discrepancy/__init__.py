@@ -7,7 +7,7 @@ discrepancy    that one described, instead of named
 
 from .discrepancy import Discrepancy, describe
 from .laws import Laws, Spline, advantage, beside_law, least_t, nothing, stands
-from .smooth import Basis, Columns, a_line, beside, other_waves, smooth_rest, unlike_smooth
+from .smooth import Basis, Columns, a_line, other_waves, smooth_rest, unlike_smooth
 
 __all__ = [
     "Basis",
@@ -17,7 +17,6 @@ __all__ = [
     "Spline",
     "a_line",
     "advantage",
-    "beside",
     "beside_law",
     "describe",
     "least_t",

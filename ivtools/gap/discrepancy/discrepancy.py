@@ -183,7 +183,7 @@ def _beyond(force: Array, fit: Fit, run: Simulation) -> Array:
     ddq = np.gradient(dq, fit.fold.record.dt)
     B = np.column_stack([ddq, dq, np.sign(dq), np.ones(len(dq))])
     B = B / np.maximum(np.linalg.norm(B[keep], axis=0), 1e-300)
-    return np.asarray(force - B @ normal(B[keep], force[keep], 1e-6))
+    return np.asarray(force - B @ normal(B[keep], force[keep]))
 
 
 def _curve(

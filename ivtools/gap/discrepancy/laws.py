@@ -26,7 +26,7 @@ from ...loop import Simulation
 from ...workers import threaded
 from .. import spatial_lines
 from ..fit import Fit, normal
-from ..fold import block_t
+from ..fold import better_t
 from ..rules import (
     AGREES,
     COOLING,
@@ -38,7 +38,7 @@ from ..rules import (
     SPARED,
     UNSHARED,
 )
-from .smooth import OF_USE, Basis, Columns, beside
+from .smooth import OF_USE, Basis, Columns
 
 Array = NDArray[np.float64]
 Made = TypeVar("Made")
@@ -210,7 +210,7 @@ class Spline:
 
 def nothing(fits: Sequence[Fit]) -> Spline:
     """Return no force at all: what two fits leave is left."""
-    return Spline((), 0.0, tuple(beside(f, f.e[:, None])[:, 0] for f in fits))
+    return Spline((), 0.0, tuple(f.beyond_base() for f in fits))
 
 
 def least_t(share: float) -> float:
@@ -231,8 +231,7 @@ def advantage(fits: Sequence[Fit], before: Spline, after: Spline) -> float:
     before, after : Spline
         Of what the model leaves without and with the effect.
     """
-    pairs = zip(fits, before.left, after.left, strict=True)
-    return block_t(np.concatenate([f.fold.block_sums(a**2 - b**2) for f, a, b in pairs]))
+    return better_t([f.fold for f in fits], before.left, after.left)
 
 
 def stands(before: Sequence[Fit], held: Sequence[Fit], laws: Laws | None) -> bool:
@@ -276,8 +275,8 @@ def beside_law(
     law = None if laws is None else laws.fitted(before)
     if law is None or not law.over:
         return []
-    changes = [beside(b, (h.e - b.e)[:, None])[:, 0] for b, h in zip(before, held, strict=True)]
-    errors = [beside(b, b.e[:, None])[:, 0] for b in before]
+    changes = [b.beyond_base(h.e - b.e) for b, h in zip(before, held, strict=True)]
+    errors = [b.beyond_base() for b in before]
     found = []
     for x, rest, e in zip(changes, law.rest(changes), errors, strict=True):
         energy = float(rest @ x)
@@ -292,7 +291,7 @@ def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ..
     def found(f: Fit, run: Simulation) -> list[float]:
         """Return those of one fold."""
         v = run.dq[:, 0]
-        e = beside(f, f.e[:, None])[:, 0]
+        e = f.beyond_base()
         weights = (np.sign(v), v / max(float(np.max(np.abs(v))), 1e-300))
         assert f.fold.response is not None
         lines = spatial_lines.strongest(f.fold, f.fold.response, e, run, weights, 1)
@@ -309,7 +308,7 @@ def _swings(f: Fit, run: Simulation) -> Swings:
 def _swing(f: Fit, swings: Swings) -> Swing:
     """Return the most likely load that hangs from the axis."""
     e = np.zeros(len(f.fold.keep))
-    e[f.fold.keep] = beside(f, f.e[:, None])[:, 0]
+    e[f.fold.keep] = f.beyond_base()
     return swings.strongest(e).swing
 
 
@@ -322,11 +321,11 @@ def _warmth(fits: Sequence[Fit], runs: Sequence[Simulation], basis: Basis) -> tu
 
     def found(f: Fit, run: Simulation) -> Array:
         """Return that of one fold, per time of cooling."""
-        e = beside(f, f.e[:, None])[:, 0]
+        e = f.beyond_base()
         cold = basis.heat(run, np.zeros(len(COOLING)))
         before = basis.heat(run, np.ones(len(COOLING))) - cold
         own, more = (
-            np.split(beside(f, f.fold.answers(F)), len(COOLING), 1) for F in (cold, before)
+            np.split(f.beyond_base(f.fold.answers(F)), len(COOLING), 1) for F in (cold, before)
         )
         return np.array([_ratio(np.hstack(pair), e) for pair in zip(own, more, strict=True)])
 
@@ -335,7 +334,7 @@ def _warmth(fits: Sequence[Fit], runs: Sequence[Simulation], basis: Basis) -> tu
 
 def _ratio(columns: Array, e: Array) -> float:
     """Return by how much the second half of the columns enters for the first one, 0 to 1."""
-    one, two = np.split(normal(columns, e, 1e-6), 2)
+    one, two = np.split(normal(columns, e), 2)
     return float(np.clip(one @ two / max(float(one @ one), 1e-300), 0.0, 1.0))
 
 
@@ -374,7 +373,7 @@ class _Search:
         own = threaded(lambda f, F: f.fold.answers(F), fits, more)
         self.seen = threaded(Columns, fits, laws.answers, own, laws.squares)
         self.squares = [c.square for c in self.seen]
-        self.rests = [beside(f, f.e[:, None])[:, 0] for f in fits]
+        self.rests = [f.beyond_base() for f in fits]
         self.sides = [c.side(e) for c, e in zip(self.seen, self.rests, strict=True)]
         self.energy = sum(float(e @ e) for e in self.rests)
         rough = {n: basis.penalty(n, len(p)) for n, p in self.place.items()}
@@ -397,11 +396,12 @@ class _Search:
 
     def _tells(self, now: _Step, then: _Step) -> bool:
         """Whether a step predicts held-out data significantly better."""
-        saved = np.concatenate([
-            fold.block_sums((e + a) ** 2 - (e + b) ** 2)
-            for fold, e, a, b in zip(self.folds, self.rests, now.answers, then.answers, strict=True)
-        ])  # fmt: skip
-        return block_t(saved) >= least_t(then.gain - now.gain)
+        before, after = (self._left(step) for step in (now, then))
+        return better_t(self.folds, before, after) >= least_t(then.gain - now.gain)
+
+    def _left(self, step: _Step) -> tuple[Array, ...]:
+        """Return the whitened error that a step leaves on each fold, (n_kept,)."""
+        return tuple(e + a for e, a in zip(self.rests, step.answers, strict=True))
 
     def ahead(self, now: _Step) -> Iterator[_Step]:
         """Yield the splines over one more signal that gain something, the best one first."""
@@ -413,10 +413,11 @@ class _Search:
 
     def spline(self, step: _Step) -> Spline:
         """Return what a step leaves."""
-        left = tuple(e + a for e, a in zip(self.rests, step.answers, strict=True))
         rest, even = partial(self.rest, step), partial(self.even, step)
         force, other = partial(self.force, step), partial(self.from_other, step)
-        return Spline(step.over, step.gain, left, force, other, rest, even, self.periods)
+        return Spline(
+            step.over, step.gain, self._left(step), force, other, rest, even, self.periods
+        )
 
     def rest(self, step: _Step, errors: Sequence[Array]) -> Sequence[Array]:
         """Return what a spline over the signals of a step leaves of errors on each fold, (n_kept,).

@@ -306,7 +306,7 @@ def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
 
     def kept(b: Fit, a: Fit) -> float:
         """Return that of one fold."""
-        pair = beside(b, np.column_stack([b.e - a.e, b.e]))
+        pair = b.beyond_base(np.column_stack([b.e - a.e, b.e]))
         return _explained(_imitation(b).left(pair)) / max(_explained(pair), 1e-300)
 
     return min(threaded(kept, before, after))
@@ -323,7 +323,7 @@ def smooth_rest(before: Sequence[Fit], after: Sequence[Fit]) -> float:
 
     def added(b: Fit, a: Fit) -> float:
         """Return that of one fold: what they take of the rest, and noise gives one a column."""
-        e = beside(b, a.e[:, None])
+        e = b.beyond_base(a.e[:, None])
         left, count = _imitation(b).left(e), _imitation(b).count
         most = float(np.sum(e**2) - np.sum(left**2)) - count + CHANCE * np.sqrt(2.0 * count)
         return most / max(float(b.e @ b.e - a.e @ a.e), 1e-300)
@@ -370,7 +370,7 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
         """Return that of one fold."""
         columns = laws(b, run)
         known, other = columns.shared.shape[1], columns.own.shape[1]
-        pair = beside(b, np.column_stack([b.e - a.e, b.e, a.e]))
+        pair = b.beyond_base(np.column_stack([b.e - a.e, b.e, a.e]))
         beyond = columns.left(pair, known)
         line = _explained(beyond[:, :2])
         taken = beyond[:, 2] - columns.left(pair[:, 2:])[:, 0]
@@ -396,9 +396,9 @@ def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Arra
     left: list[list[Array]] = [[], []]
     for f, period in zip(fits, periods, strict=True):
         forces = Basis({}, (period,)).waves(f.simulation)
-        columns, e = beside(f, f.fold.answers(forces)), beside(f, f.e[:, None])[:, 0]
+        columns, e = f.beyond_base(f.fold.answers(forces)), f.beyond_base()
         for found, part in zip(left, (columns[:, :2], columns[:, 2:]), strict=True):
-            found.append(e - part @ normal(part, e, 1e-6))
+            found.append(e - part @ normal(part, e))
     return left
 
 
@@ -406,8 +406,3 @@ def _explained(pair: Array) -> float:
     """Return the energy of the second column that the first one explains."""
     change, e = pair.T
     return float(change @ e) ** 2 / max(float(change @ change), 1e-300)
-
-
-def beside(fit: Fit, columns: Array) -> Array:
-    """Return what the base model cannot imitate of whitened columns."""
-    return columns - fit.basis @ (fit.basis.T @ columns)

@@ -14,7 +14,7 @@ from ...loop import ClosedLoop
 from ...loop.rough_inertia import rough_inertia
 from ...record import Record
 from .. import preflight, response
-from ..fit import Fit, gauss_newton, start, steps
+from ..fit import Fit, Inverse, gauss_newton, steps
 from ..fold import Fold, Link, Side, stepped, usable
 from ..library import Scales
 from ..parity import Parity
@@ -114,7 +114,7 @@ def fitted(ready: Ready) -> Fitted:
         record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
     scales = Scales(record, loop)
     keep = usable(record, loop)
-    values = start(Fold(record, keep), loop)
+    values = Inverse.of(record, loop).values()
     if not values.get("inertia", 1.0) > 0.0:  # a pendulum or a spring that the model lacks
         values = {**values, "inertia": rough_inertia(loop, record)}
     oversampling = 1 if driven else checked.oversampling

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import IVToolsError
+from ...linalg import rms
 from ...loop import ClosedLoop
 from ...record import Record
-from ...simulators.difference import SWINGS, Difference, as_simulated, brought, difference, rms
+from ...simulators.difference import SWINGS, Difference, as_simulated, brought, difference
 from ...units import quantity
 from ..diagnosis import Diagnosis
 from ..rules import ADEQUATE, ALL_CLOSED, SAME_LOG, SECOND_ORDER, Rules

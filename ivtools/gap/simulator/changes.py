@@ -14,7 +14,7 @@ from ...simulators.difference import CREEPS, Difference, dry
 from ...tables import Text, table
 from ..diagnosis import Diagnosis
 from ..fit import Fit, gauss_newton, steps
-from ..fold import block_t
+from ..fold import better_t
 from ..library import Scales, library
 from ..rules import ADEQUATE, CHANGED_T, CONFIDENCE, STICKS, TIE, TRADING, Rules
 
@@ -135,7 +135,7 @@ def _kept(fit: Fit, base: Mapping[str, float], rules: Rules) -> Fit:
 
 def _as_good(one: Fit, other: Fit, rules: Rules) -> bool:
     """Whether a fit leaves as much as another one, as far as their record tells."""
-    return block_t(other.fold.block_sums(one.e**2 - other.e**2)) < rules.distinguishable
+    return better_t([other.fold], [one.e], [other.e]) < rules.distinguishable
 
 
 def _tuned(fit: Fit, values: Mapping[str, float], without: Collection[str] = ()) -> Fit:

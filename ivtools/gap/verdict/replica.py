@@ -12,7 +12,6 @@ from ...loop import ClosedLoop
 from ...units import quantity
 from ..attribute import Attribution
 from ..candidate import phases
-from ..discrepancy import beside
 from ..fit import Fit, of_effect
 from ..parity import Parity, relative
 from ..rules import AGREES
@@ -227,5 +226,5 @@ def _made(fit: Fit, base: Fit) -> dict[str, Array]:
                 forces.append(unit_force(term, i, shape, run))
     if not forces:
         return {}
-    answers = beside(base, base.fold.answers(np.column_stack(forces)))
+    answers = base.beyond_base(base.fold.answers(np.column_stack(forces)))
     return dict(zip(names, answers.T, strict=True))
