@@ -293,7 +293,8 @@ SPLIT_HZ = 12.0
 SPLIT_RATE = 0.9
 #: Quantile of the windows that count as quiet (training).
 QUIET = 0.7
-#: Share of a window that must count for its energy to: of quiet ones, and of events (training).
+#: Least share of the samples of a window that must count: of a quiet one, and of an event
+#: (training).
 FULL, FULL_EVENT = 0.8, 0.95
 #: Samples per coefficient of the noise model in quiet windows, or all count (theory).
 PER_COEFFICIENT = 20
@@ -638,7 +639,8 @@ AUDIBLE = 0.5
 #: below the tolerance and less than this is left above the floor (judgement: half a step of
 #: MuJoCo's own, a twentieth of a sample, makes 0.2 %).
 UNSEEN = 0.25
-#: Force error over the difference of two records of one motion that is a gap (training).
+#: Force error over the floor that is a gap: over the difference of two records of one motion, where
+#: there are such (training), and over any floor where a force from outside is suspected.
 OVER_FLOOR = 1.25
 #: t value from which a base parameter has changed, between two records (training: 0 of 100) or from
 #: a simulator to its axis.
@@ -663,7 +665,8 @@ CONFIDENCE = 0.95
 LEAST_BLOCKS = 10
 #: All names fall together if they do not lower the force error by this share of it (judgement: of
 #: two false names, on a healthy arm and a healthy axis with encoder noise, the larger lowered it by
-#: 0.0005). Where one was decided at the controller, any fall is enough.
+#: 0.0005). Where one was decided at the controller, any fall is enough, and a limit counts as such
+#: if it lowers the error by this share.
 FAINT = 0.005
 #: Whitened energy that all names remove together, above which any fall is enough: fast noise is
 #: most of the force error, and the effect stands out of it (judgement: of those two the larger

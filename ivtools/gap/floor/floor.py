@@ -1,8 +1,8 @@
 """Floor: what no model of the axis could close.
 
-The noise of the command is modelled after every smooth law of the state has been taken out, first
-on windows that are quiet both at high and at low frequency, then on all
-that no event stands out of.
+The noise of the command is modelled after every smooth law of the state has been taken out, on
+windows that are quiet both at high and at low frequency. The laws are fitted on all samples first,
+then on the windows that no event stands out of.
 """
 
 from __future__ import annotations

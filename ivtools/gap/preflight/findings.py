@@ -173,7 +173,7 @@ def _direction(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
 def only_one_way(then: str) -> Finding:
     """Return what to say of a record that moves in one direction only, and what follows."""
     text = "the reference moves in one direction only: Coulomb friction and offset cannot be told "
-    return Finding(f"{text}apart{then}; add the way back", fatal=False)
+    return Finding(f"{text}apart{then}; record the way back as well", fatal=False)
 
 
 def one_way(record: Record) -> bool:

@@ -123,7 +123,7 @@ def near(start: float, loop: ClosedLoop) -> Finding:
     whole = loop.joint == "revolute" and abs(turns - round(turns)) < ROUNDING
     where = f"{turns:.0f} turns" if whole else f"{start:.9g} {JOINTS[loop.joint].length}"
     text = (
-        "the axis moves more than its stroke away from where its position is counted from: here, "
+        "the axis moves more than its stroke away from the zero of its positions: in this answer, "
         f"and in the parameters of what is named, it is counted from {where}"
     )
     return Finding(text, fatal=False)
@@ -190,8 +190,8 @@ def late(samples: int, left: float) -> Finding:
     """
     count = plural(abs(samples), "sample")
     text = (
-        f"the command is logged {count} {'after' if samples > 0 else 'before'} it acts: moved "
-        f"back, the base model leaves {100 * left:.2g} % of the force error that it leaves with a "
+        f"the command is logged {count} {'after' if samples > 0 else 'before'} it acts: with the "
+        f"log put right the base model's force error is {100 * left:.2g} % of what it is with a "
         "controller of that delay"
     )
     return Finding(text, fatal=False)
@@ -200,8 +200,8 @@ def late(samples: int, left: float) -> Finding:
 def faster(count: int) -> Finding:
     """Return what to say of a controller that takes so many samples for each of the log."""
     text = (
-        f"the controller takes {count} samples for each of the log: so the settings of the axis "
-        "file explain the command, at the samples only others would, as another filter of the "
-        "velocity; it is simulated at its own rate, and the log interpolated"
+        f"the controller takes {count} samples for each of the log: at that rate the settings of "
+        "the axis file explain the command, at the rate of the log only other settings would; it "
+        "is simulated at its own rate, and the log is interpolated"
     )
     return Finding(text, fatal=False)

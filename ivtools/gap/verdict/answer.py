@@ -253,7 +253,9 @@ def tally(what: str, verdicts: Iterable[str]) -> str:
 
 def may_swing(effects: Sequence[str]) -> Finding:
     """Return what to say of effects that remove less than other joints' links may have left."""
-    text = f"{', '.join(effects)} would remove less than swinging links of other joints may make"
+    text = (
+        f"{', '.join(effects)} would remove no more than swinging links of other joints may leave"
+    )
     return Finding(f"{text}: nothing is named", fatal=False)
 
 
