@@ -416,8 +416,9 @@ LEAST_CROWD = 7
 #: gap that 512 points miss, or of which they find a shallow place; in 29 arms it would have been
 #: made 18 times, 11 of them where less than `LARGE` is left, and found nothing).
 SECOND_CROWD = 4
-#: Whitened energy that everything else must leave for that, and the base model on one record for
-#: effects to be looked for in it alone, where both together name nothing (cost).
+#: A large gap. Whitened energy that everything else must leave for that, and for a search in
+#: valleys where only some stretches of either record are unexplained; and that the base model must
+#: leave on one record for effects to be looked for in it alone, where both name nothing (cost).
 LARGE = 4.0
 #: Exponent of two: 2^5 points at which the search for what a drive delivers begins (numerics).
 DELIVERED_POINTS = 5

@@ -20,7 +20,16 @@ from .. import floor, parity, preflight, quantify
 from ..attribute import cost
 from ..diagnosis import Diagnosis
 from ..fit import Fit, common
-from ..floor import Measured, Ready, audible, beside_silent, fitted, masked, measure, prepared
+from ..floor import (
+    Measured,
+    Ready,
+    audible,
+    beside_silent,
+    fitted,
+    masked,
+    measure,
+    prepared,
+)
 from ..fold import Link, Side
 from ..parity import Parity
 from ..preflight import Finding

@@ -16,7 +16,7 @@ from ..attribute import Attribution, cost, probability
 from ..diagnosis import Diagnosis
 from ..discrepancy import Discrepancy
 from ..fit import Fit, common, gauss_newton, steps
-from ..floor import Measured, masked
+from ..floor import Measured, come_again, masked
 from ..fold import Fold
 from ..preflight import Finding
 from ..rules import AT_CONTROLLER, CLEAN, REPEATS, UNNAMED
@@ -81,7 +81,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         block=locate.block(
             effects,
             controller=any(p.delay != p.declared.delay for p in checked),
-            events=any(m.floor.isolated for m in measured) and not bent,
+            events=any(m.floor.isolated for m in measured) and not (bent or come_again(measured)),
             gap=word != "adequate",
             outside=remark is verdict.OUTSIDE,
         ),

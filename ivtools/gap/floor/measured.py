@@ -176,8 +176,21 @@ def beside_silent(m: Measured, other: Measured, least: float) -> Measured:
     silent = other.base.cost < ADEQUATE or other.beyond(other.base) < least * other.force
     if not silent or other.floor.events or not m.floor.event_mask.any():
         return m
-    there = float(np.mean(_seen(m, other)[m.floor.event_mask]))
-    return replace(m, floor=replace(m.floor, once=there > MOST))
+    return replace(m, floor=replace(m.floor, once=_most(_seen(m, other)[m.floor.event_mask])))
+
+
+def come_again(measured: Sequence[Measured]) -> bool:
+    """Whether most of what stands out of a record does at the same times of another one.
+
+    Of the same motion: then it comes from the axis, not from outside.
+    """
+    masks = [m.floor.event_mask for m in measured]
+    same = len(masks) == 2 and measured[0].floor.between is not None
+    return same and all(mask.any() for mask in masks) and _most(masks[1][masks[0]])
+
+
+def _most(mask: NDArray[np.bool_]) -> bool:
+    return float(np.mean(mask)) > MOST
 
 
 def masked(m: Measured) -> Measured:

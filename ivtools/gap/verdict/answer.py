@@ -12,7 +12,7 @@ import numpy as np
 from ...units import percent, plural, quantity
 from ..attribute import Attribution, Supposed, cost
 from ..fit import Fit, common, gauss_newton, steps
-from ..floor import Measured
+from ..floor import Measured, come_again
 from ..library import Scales
 from ..preflight import Finding
 from ..quantify import Shrink
@@ -168,12 +168,13 @@ def decide(
     pairs = zip(result.held, cycle(measured), strict=False)  # of one record, both parts are its own
     slight = any(100.0 * m.beyond(h) < unseen * m.force for h, m in pairs)
     silent = slight or min(h.cost for h in result.held) <= allowed
-    once = any(_comes_and_goes(m, left, allowed, silent) for m in measured)
-    if changed or (once and (repeats < REPEATS or slight)):
+    apart = any(_stands_apart(m, left, allowed, silent) for m in measured)
+    again = apart and come_again(measured)
+    if changed or (apart and not again and (repeats < REPEATS or slight)):
         return "non-repeatable"
     between = measured[-1].floor.between
     above = between is not None and shrink.after > OVER_FLOOR * between and not small
-    above = above or repeats >= REPEATS
+    above = above or again or repeats >= REPEATS
     errors = [(shrink.after_frozen, shrink.force), *((m.base.force_rms, m.force) for m in measured)]
     faint = all(e < 0.01 * tolerance * force for e, force in errors)  # floor and all
     if (faint and shrink.slight(unseen)) or (left <= allowed and not above):
@@ -181,12 +182,12 @@ def decide(
     return "unexplained"
 
 
-def _comes_and_goes(m: Measured, left: float, allowed: float, one_silent: bool) -> bool:
-    """Whether stretches of a record stand out, and come and go.
+def _stands_apart(m: Measured, left: float, allowed: float, one_silent: bool) -> bool:
+    """Whether stretches of a record stand out, and are all that the model lacks.
 
-    If they do, one record at least shows nothing else that the model lacks. Where both do, a law of
-    the state may be behind all of it: friction over position stands out where the other record has
-    not been. The load of a robot's joint is wrong now and then, where its links are hardly known or
+    If they are, one record at least shows nothing without them. Where both do, a law of the state
+    may be behind all of it: friction over position stands out where the other record has not been.
+    The load of a robot's joint is wrong now and then, where its links are hardly known or
     another joint's link swings: there the stretches must be the gap, and all of it.
 
     Parameters
