@@ -373,6 +373,10 @@ LINKED: dict[str, dict[str, tuple[float, ...]]] = {
 #: Exponent of two: 2^3 starting points in each box of an effect with many minima, in the screening
 #: (numerics).
 GLANCE = 3
+#: Least and largest share of the samples in which the base model asks for more than a limit of the
+#: drive, where that is looked for in the screening (training: of twelve limits that 0.1 to 3 % of
+#: the samples met, even steps of their logarithms missed the two that fewest met).
+ASKED = (1e-3, 0.75)
 #: Relative decrease of the cost below which sensitivities are kept (numerics).
 KEEP_JACOBIAN = 0.01
 #: Relative decrease of the cost that ends a fit (numerics: a hundredth of an `ADEQUATE` gap).
@@ -416,9 +420,9 @@ LEAST_CROWD = 7
 #: gap that 512 points miss, or of which they find a shallow place; in 29 arms it would have been
 #: made 18 times, 11 of them where less than `LARGE` is left, and found nothing).
 SECOND_CROWD = 4
-#: A large gap. Whitened energy that everything else must leave for that, and for a search in
-#: valleys where only some stretches of either record are unexplained; and that the base model must
-#: leave on one record for effects to be looked for in it alone, where both name nothing (cost).
+#: A large gap: whitened energy that everything else must leave for that, and that the base model
+#: must leave on one record for effects to be looked for in it alone, where both together name
+#: nothing (cost).
 LARGE = 4.0
 #: Exponent of two: 2^5 points at which the search for what a drive delivers begins (numerics).
 DELIVERED_POINTS = 5

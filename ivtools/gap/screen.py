@@ -22,7 +22,7 @@ from . import spatial_lines
 from .fit import Fit, normal
 from .fold import Fold, Side
 from .library import Box, Scales, alternatives, scans
-from .rules import GLANCE
+from .rules import ASKED, GLANCE
 
 Array = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
     tried = [
         _direction(side, fit, now, term, shape)
         for term in terms
-        for shape in _shapes(term, side.scales, lines)
+        for shape in _shapes(term, side.scales, now, lines)
     ]
     found: dict[str, list[Score]] = {}
     for d in _beyond_base(list(filter(None, tried)), fit):
@@ -133,11 +133,16 @@ def _best(scores: list[Score]) -> Score:
     return replace(ordered[0], starts=list(starts.values()))
 
 
-def _shapes(term: Term, scales: Scales, lines: dict[str, list[float]]) -> list[dict[str, float]]:
+def _shapes(
+    term: Term, scales: Scales, now: Simulation, lines: dict[str, list[float]]
+) -> list[dict[str, float]]:
     if term.search == "lines":
         return [{term.period: p} for p in lines[term.name]]
     if term.search == "either":
         return alternatives(term, scales)
+    if term.search == "valleys" and term.law is not None:  # a limit: where more is asked for
+        (limit,), shares = term.parameters, np.geomspace(*ASKED, 1 << GLANCE)
+        return [{limit.name: float(x)} for x in np.quantile(np.abs(now.tau), 1.0 - shares)]
     if term.search == "valleys":  # a glance: the search waits until the effect is in question
         boxes = [*Box.of(term, scales), *Box.wider(term, scales)]
         return [point for box in boxes for point in box.points(GLANCE)]

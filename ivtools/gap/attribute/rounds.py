@@ -26,7 +26,6 @@ from ..rules import (
     CLEAN,
     DRAWS,
     EQUALLY,
-    LARGE,
     MOST,
     RIVAL,
     ROUGH,
@@ -280,8 +279,7 @@ class _Tries:
 
         It is of first order, and sees no narrow valley. Effects with many are searched as well
         where everything else leaves a gap, and smooth laws of the state leave many stretches of the
-        record unexplained, as masses that move on their own do, or, of a large gap, some of either
-        record, as a limit that only the largest forces meet; not again where what they `removed`
+        record unexplained, as masses that move on their own do; not again where what they `removed`
         says that they would not be most of what is left. What closes nearly all of the gap is named
         first: the search for the rest then sees the rest.
         """
@@ -291,8 +289,7 @@ class _Tries:
             # first order does not see what takes the place of dry friction, where that is bent
             bent = (n for n, t in self.terms.items() if t.law is None and t.search == "scan")
             self.fit(self.hopeful(bent))
-        roughs = [s.rough for s in self.sides]
-        rough = max(roughs) > ROUGH or (min(roughs) > 0.0 and self.left > LARGE)
+        rough = max(s.rough for s in self.sides) > ROUGH
         if rough and self.left > ADEQUATE and not self.closed(ALL_CLOSED):
             valleys = (n for n, t in self.terms.items() if t.search == "valleys")
             self.fit(self.hopeful(valleys))
