@@ -282,6 +282,42 @@ def test_a_backlash_is_found_where_it_is(seed):
     assert gap.shrink.closed > 0.9
 
 
+def jerked(loop, seed, times):
+    """Return a record of an even motion in which the axis is jerked a few times."""
+    t = np.arange(0.0, 20.0, moves.DT)
+    begins = np.clip(t / 1.5, 0.0, 1.0) ** 3
+    q_ref = 0.1 + 0.08 * begins * np.sin(2.0 * np.pi * 0.3 * t)
+    for at in times:
+        q_ref += 0.006 * np.sin(2.0 * np.pi * np.clip((t - at) / 0.6, 0.0, 1.0)) ** 3
+    noise = np.random.default_rng(seed).normal(0.0, moves.FORCE_NOISE, len(t))
+    theta = loop.values(BASE)
+    asked = iv.Record(t, q_ref, q_ref=q_ref, nu=q_ref)  # only its reference counts
+    ran = loop.simulate(asked, theta, initial="rest", force_noise=noise, quantum=moves.QUANTUM)
+    return iv.Record(t, ran.q, q_ref=q_ref, nu=ran.nu)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_limit_that_only_the_largest_forces_meet_is_found(seed):
+    rng, plain = np.random.default_rng(seed), iv.axes.emps()
+    pair = [np.sort(rng.uniform(2.0, 18.0, 3)) for _ in range(2)]
+    top = min(np.max(np.abs(plain.force(jerked(plain, 0, times)))) for times in pair)
+    limit = rng.uniform(0.8, 0.95) * top
+    loop = plain.with_effect("inner-saturation", force=limit)
+    gap = iv.diagnose(jerked(loop, 1, pair[0]), plain, jerked(loop, 2, pair[1]))
+    assert gap.effects == ("inner-saturation",)
+    assert gap.parameters["inner-saturation"]["force"] == pytest.approx(limit, rel=0.01)
+
+
+def test_what_stands_out_at_the_same_times_of_one_motion_is_not_from_outside():
+    plain, times = iv.axes.emps(), (4.0, 9.0, 15.0)
+    top = np.max(np.abs(plain.force(jerked(plain, 0, times))))
+    loop = plain.with_effect("inner-saturation", force=0.9 * top)
+    one, two = (jerked(loop, seed, times) for seed in (1, 2))
+    gap = iv.diagnose(one, plain, two, without=["inner-saturation"])
+    assert all(floor.isolated for floor in gap.floors)
+    assert (gap.verdict, gap.effects) == ("unexplained", ())
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_line_that_the_other_record_would_show_is_not_named_on_one_alone(turned):
     """Its phase is a matter of each record, and its size is not."""

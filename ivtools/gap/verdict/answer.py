@@ -174,12 +174,11 @@ def decide(
         return "non-repeatable"
     between = measured[-1].floor.between
     above = between is not None and shrink.after > OVER_FLOOR * between and not small
-    above = above or again or repeats >= REPEATS
+    above = above or repeats >= REPEATS
     errors = [(shrink.after_frozen, shrink.force), *((m.base.force_rms, m.force) for m in measured)]
     faint = all(e < 0.01 * tolerance * force for e, force in errors)  # floor and all
-    if (faint and shrink.slight(unseen)) or (left <= allowed and not above):
-        return "adequate"
-    return "unexplained"
+    enough = (faint and shrink.slight(unseen)) or (left <= allowed and not above)
+    return "adequate" if enough and not again else "unexplained"
 
 
 def _stands_apart(m: Measured, left: float, allowed: float, one_silent: bool) -> bool:
