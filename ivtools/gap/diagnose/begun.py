@@ -183,10 +183,10 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         return refused(record, loop, checked, [*found, *shown, *law])
     say("base model and floor")
     try:
-        none = [None] * len(given)
+        unlinked = [None] * len(given)
         ready = [
             prepared(r, p, records)._replace(link=link)
-            for r, p, link in zip(given, inspected.checked, task.links or none, strict=True)
+            for r, p, link in zip(given, inspected.checked, task.links or unlinked, strict=True)
         ]
         if loop.controller.kind != "none" and any(r.driven for r in ready):
             found.append(preflight.HELD)
