@@ -112,14 +112,13 @@ def _beyond_base(tried: list[_Push | _Direction], fit: Fit) -> Iterator[_Directi
     """
     pushes = [d for d in tried if isinstance(d, _Push)]
     forces = [f for d in pushes for f in d.forces.T]
-    answers = fit.fold.answers(as_columns(forces)) if forces else np.empty((fit.fold.n_kept, 0))
-    wide = fit.beyond_base(answers)
+    wide = fit.fold.answers(as_columns(forces)) if forces else np.empty((fit.fold.n_kept, 0))
     edges = np.cumsum([0, *(d.forces.shape[1] for d in pushes)])
     parts = dict(zip(pushes, map(slice, edges[:-1], edges[1:]), strict=True))
     for d in tried:
-        columns = wide[:, parts[d]] if isinstance(d, _Push) else fit.beyond_base(d.columns)
+        columns = wide[:, parts[d]] if isinstance(d, _Push) else d.columns
         if _sound(columns):
-            yield _Direction(d.term, d.shape, d.names, columns)
+            yield _Direction(d.term, d.shape, d.names, fit.beyond_base(columns))
 
 
 def _best(scores: list[Score]) -> Score:
@@ -140,9 +139,10 @@ def _shapes(
         return [{term.period: p} for p in lines[term.name]]
     if term.search == "either":
         return alternatives(term, scales)
-    if term.search == "valleys" and term.law is not None:  # a limit: where more is asked for
-        (limit,), shares = term.parameters, np.geomspace(*ASKED, 1 << GLANCE)
-        return [{limit.name: float(x)} for x in np.quantile(np.abs(now.tau), 1.0 - shares)]
+    if term.search == "valleys" and [p.scale for p in term.parameters] == ["peak"]:  # a limit
+        shares = np.geomspace(*ASKED, 1 << GLANCE)
+        asked = np.quantile(np.abs(now.tau), 1.0 - shares).tolist()
+        return [{term.parameters[0].name: x} for x in asked]
     if term.search == "valleys":  # a glance: the search waits until the effect is in question
         boxes = [*Box.of(term, scales), *Box.wider(term, scales)]
         return [point for box in boxes for point in box.points(GLANCE)]
