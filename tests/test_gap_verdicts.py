@@ -15,6 +15,7 @@ from ivtools.errors import DataError, IVToolsError, RecordError
 from ivtools.gap.attribute import Supposed
 from ivtools.gap.attribute.kept import names_kept, outmatched
 from ivtools.gap.discrepancy import Basis, Columns, Discrepancy, Laws, Spline, stands
+from ivtools.gap.fit import Fit
 from ivtools.gap.preflight import identifiable, overlap
 from ivtools.gap.quantify import Shrink
 from ivtools.gap.rules import Rules
@@ -450,16 +451,17 @@ def left(size, shape=SHAPE):
     e = NOISE + size * shape
     sums = SimpleNamespace(block_sums=lambda x: x.reshape(40, 50).sum(axis=1))
     basis = np.full((2000, 1), 2000**-0.5)
-    return SimpleNamespace(fold=sums, e=e, basis=basis, cost=float(np.mean(e**2)))
+    return Leaves(e, basis, fold=sums, cost=float(np.mean(e**2)))
 
 
 class Leaves(SimpleNamespace):
-    """A stand-in of a fit that a weak reference can hold; it has no base parameters."""
+    """A stand-in of a fit that a weak reference can hold; alone it has no base parameters."""
 
     __hash__ = object.__hash__
+    beyond_base = Fit.beyond_base
 
-    def __init__(self, e):
-        super().__init__(e=e, basis=np.zeros((len(e), 0)))
+    def __init__(self, e, basis=None, **more):
+        super().__init__(e=e, basis=np.zeros((len(e), 0)) if basis is None else basis, **more)
 
 
 def spline(size, over=("q", "past"), shape=SHAPE):
