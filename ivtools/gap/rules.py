@@ -301,6 +301,9 @@ PER_COEFFICIENT = 20
 #: Energy of a combination of columns, of the largest, below which they are linearly dependent
 #: (numerics).
 DEPENDENT = 1e-10
+#: The same of force laws, along which noise is told from what they make (numerics: with 1e-11 the
+#: floor of a slow force that follows nothing is 5 % higher).
+SAME_LAW = 1e-12
 #: A smooth law is fitted to typical samples if they show this share of its energy at least
 #: (training: a joint beside one that rattles, 1e-5 to 0.01 do the same; the least changes fewest).
 SHOWN = 1e-5

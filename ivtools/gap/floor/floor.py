@@ -23,7 +23,6 @@ from ..fit import Fit
 from ..fold import Fold
 from ..response import Response, features, memories, mixed, waves
 from ..rules import (
-    DEPENDENT,
     EVENT_TIME,
     FEW_EVENTS,
     FREE,
@@ -37,6 +36,7 @@ from ..rules import (
     NOISE_ORDER,
     PER_COEFFICIENT,
     QUIET,
+    SAME_LAW,
     SHOWN,
     SLOW_FORCE,
     SLOW_HZ,
@@ -198,7 +198,7 @@ def _lines(
 def _project(columns: Array, fit: Fit, raw: Array, keep: Mask) -> Array:
     """Return the raw error without what features and base model explain, (n_samples,)."""
     basis = np.column_stack([columns[keep], fit.J])
-    alone = independent(basis, DEPENDENT)
+    alone = independent(basis, SAME_LAW)
     rest = np.zeros(len(raw))
     rest[keep] = raw[keep] - basis @ (alone @ (alone.T @ (basis.T @ raw[keep])))
     return rest
@@ -216,7 +216,7 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     white = fir(whitener, np.column_stack([basis, raw]))
     _require(white)
     A, b = white[:, :-1], white[typical, -1]
-    alone = independent(A[fit.fold.keep], DEPENDENT)
+    alone = independent(A[fit.fold.keep], SAME_LAW)
     B = A[typical] @ alone
     share, within = np.linalg.eigh(B.T @ B)  # of their energy
     shown = share > SHOWN
@@ -302,7 +302,7 @@ def _taken(columns: Array, fit: Fit, whitener: Array) -> Array:
     full[fit.fold.keep] = fit.J
     white = fir(whitener, np.column_stack([columns, full]))
     white[~fit.fold.keep] = 0.0
-    basis = white @ independent(white, DEPENDENT)
+    basis = white @ independent(white, SAME_LAW)
     length = fft.next_fast_len(len(basis), real=True)
     edges = np.linspace(0, length // 2 + 1, FREQUENCIES + 1).astype(int)[:-1]
     spectra = fft.rfft(np.ascontiguousarray(basis.T), length)  # strided: three times as long
