@@ -160,8 +160,9 @@ def test_bad_input_is_reported_instead_of_an_effect(loop, change, words):
 def test_wrong_gains_are_the_axis_files_fault(loop):
     wrong = replace(loop, controller=replace(loop.controller, settings={"kp": 80.0, "kv": 243.45}))
     record = iv.datasets.twin()
-    found = preflight.inspect(record, wrong, parity.check(record, wrong))
-    assert any("kp +100 %" in f.text for f in found)
+    shown = parity.check(record, wrong)
+    (found,) = preflight.other_law(shown)
+    assert "kp +100 %" in found.text and not preflight.inspect(record, wrong, shown)
 
 
 def test_a_record_without_reference_is_refused(loop):

@@ -90,7 +90,7 @@ def test_what_only_one_side_can_show_is_said():
         limit = None
 
         def __init__(self, **mismatch):
-            self.found = mismatch
+            self.found = self.mismatch = mismatch
 
     found = compared("controller-mismatch", {}, {}, (Side(), Side(added=0.015)))
     assert found.replicates is None
