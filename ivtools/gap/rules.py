@@ -382,7 +382,7 @@ GLANCE = 3
 ASKED = (1e-3, 0.75)
 #: Relative decrease of the cost below which sensitivities are kept (numerics).
 KEEP_JACOBIAN = 0.01
-#: Relative decrease of the cost that ends a fit (numerics: a hundredth of an `ADEQUATE` gap).
+#: Relative decrease of the cost that ends a fit (numerics: far below what any name is worth).
 CONVERGED = 3e-4
 #: Share of a parameter that may lie in directions that change nothing (numerics).
 UNSHOWN = 0.01
@@ -465,7 +465,7 @@ CLEAN = 1.05
 MORE = 1.03
 #: Whitened energy of the base model at least in the shares of the ranking (numerics: how well the
 #: floor is known; below it they divide by next to nothing).
-UNNAMED = 1.02
+RANKED = 1.02
 #: Two effects do equally well if their gains differ by at most this share (and what they leave by
 #: `EQUALLY`): the one with fewer parameters gets the name (judgement: gravity and a spring over a
 #: short arc differ by 1e-5 to 0.003; of 203 recorded cases no other two do).
@@ -477,7 +477,8 @@ EQUALLY = 1.05
 #: Effects of the screening that are fitted first; of the others only what may be a rival of these,
 #: or all if none of these passes (cost).
 AT_FIRST = 2
-#: Least gain in the screening of such a rival, of the best gain (training).
+#: Least gain of a rival, of the best gain: in the screening, where less is not fitted, and of what
+#: leaves a second mass without one (`APART`; training).
 RIVAL = 0.35
 #: An effect is fitted if the screening gives it a larger gain (training).
 WORTH_A_FIT = 0.005

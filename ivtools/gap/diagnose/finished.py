@@ -19,7 +19,7 @@ from ..fit import Fit, common, gauss_newton, steps
 from ..floor import Measured, come_again, masked
 from ..fold import Fold
 from ..preflight import Finding
-from ..rules import AT_CONTROLLER, CLEAN, REPEATS, UNNAMED
+from ..rules import AT_CONTROLLER, CLEAN, RANKED, REPEATS
 from .begun import Begun, Progress, mute
 from .named import named
 
@@ -87,7 +87,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         ),
         regions=locate.regions(fold.record, fold.keep, traces.before, traces.after),
         shrink=shrink,
-        ranking=verdict.ranking(result, rules, max(before, UNNAMED) - 1.0),
+        ranking=verdict.ranking(result, rules, max(before, RANKED) - 1.0),
         advice=(*advice.motions(result), *advice.remarks(measured, result, held_out, given)),
         findings=(*begun.found, *said, *([remark] if remark else [])),
         parity=checked,
