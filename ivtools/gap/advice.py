@@ -22,6 +22,7 @@ from .floor import Measured
 from .fold import usable
 from .library import Scales
 from .rules import (
+    ADEQUATE,
     BETTER_MOTION,
     DITHER,
     DITHER_HZ,
@@ -168,12 +169,20 @@ def motions(result: Attribution) -> list[str]:
 
 
 def _left(m: Measured, base: Fit, held: Fit) -> list[tuple[float, float]]:
-    """Return the stretches that stand out of a record, s, of which names leave most."""
+    """Return the stretches that stand out of a record, s, of which names leave most.
+
+    Not where hardly anything is left: what smooth laws make of a large error elsewhere stands out
+    of what they leave, and of no model.
+    """
     t = m.fold.record.t[m.fold.keep]
     before, after = (m.fold.error(f.loop, f.values) ** 2 for f in (base, held))
     inside = [(t >= a) & (t <= b) for a, b in m.floor.events]
     pairs = zip(m.floor.events, inside, strict=True)
-    return [span for span, at in pairs if after[at].sum() >= MOST * before[at].sum()]
+    return [
+        span
+        for span, at in pairs
+        if after[at].sum() >= max(MOST * before[at].sum(), ADEQUATE * at.sum())
+    ]
 
 
 def remarks(
