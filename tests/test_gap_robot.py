@@ -15,12 +15,14 @@ from benchmarks import moves
 from benchmarks.withheld.robots import simulated, split
 from ivtools.cli import run
 from ivtools.errors import AxisError
-from ivtools.gap import fit
+from ivtools.gap import fit, response
 from ivtools.gap.attribute import Supposed, attribution
 from ivtools.gap.candidate import starts
 from ivtools.gap.diagnose import Task, begin, finish
 from ivtools.gap.fit import gauss_newton
 from ivtools.gap.fold import Doubt, Fold, Link, usable
+from ivtools.gap.library import Scales
+from ivtools.gap.response import Response
 from ivtools.gap.robot import alone, assumed, behind, identified, joint, links
 from ivtools.physics import EFFECTS
 
@@ -134,6 +136,13 @@ def test_the_other_joints_say_what_the_links_are():
     assert change[at] == pytest.approx(-wrong_by, rel=0.3) and abs(wrong_by) > 4.0 * spread[at]
 
 
+def _fold(record, keep, loop=None, link=None):
+    """Return a fold of noise that is white; without a loop nothing answers a force."""
+    silent = Response(np.zeros(1), record.n_samples)
+    heard = silent if loop is None else response.measure(loop, record, loop.start)
+    return Fold(record, keep, Scales(record, loop or iv.axes.emps()), heard, link=link)
+
+
 def test_doubt_discounts_what_nobody_knows():
     """Without precision the answers count for nothing, with much of it they count as any error."""
     loop = iv.axes.emps()
@@ -143,14 +152,14 @@ def test_doubt_discounts_what_nobody_knows():
     keep, nothing = np.ones(record.n_samples, dtype=bool), np.zeros((record.n_samples, 2))
     for precision, left in ((0.0, 0.0), (1e-3 * record.n_samples, 0.032), (1e12, 1.0)):
         doubt = Doubt(record.t, answers, np.zeros(2), precision * np.eye(2))
-        white = Fold(record, keep, link=Link(record.t, nothing, doubt)).white(answers[:, 0])
+        white = _fold(record, keep, link=Link(record.t, nothing, doubt)).white(answers[:, 0])
         assert np.linalg.norm(white) / np.linalg.norm(answers[:, 0]) == pytest.approx(
             left, abs=2e-3
         )
     shift = Doubt(record.t, answers, np.array([2.0, 0.0]), 1e12 * np.eye(2))
     values = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
     plain, moved = (
-        Fold(record, keep, link=Link(record.t, nothing, d)).error(loop, values)
+        _fold(record, keep, link=Link(record.t, nothing, d)).error(loop, values)
         for d in (None, shift)
     )
     np.testing.assert_allclose(plain - moved, 2.0 * answers[:, 0], atol=1e-6)
@@ -165,7 +174,7 @@ def test_what_nobody_knows_of_a_load_is_no_part_of_the_force_error():
     assert np.allclose(doubt.whole.answers, 1.5 * A[:, :1])
     record = iv.Record(t, q=t, q_ref=t, nu=A @ sizes + noise)
     both = doubt.beside(record, A[:, 1:])
-    fold = Fold(record, np.ones(600, bool), link=Link(t, np.zeros((600, 2)), both))
+    fold = _fold(record, np.ones(600, bool), link=Link(t, np.zeros((600, 2)), both))
     still = SimpleNamespace(
         gain=1.0,
         command=lambda record: record.nu,
@@ -246,7 +255,7 @@ def test_a_link_that_swings_up_without_end_is_taken_for_rigid(damping, strays):
 @pytest.mark.parametrize(("inertia", "share"), [(30.0, None), (100.0, 0.4)])
 def test_a_fit_gives_a_link_no_less_than_its_poses_take_of_it(inertia, share, twin):
     lacks = np.column_stack([0.0 * twin.t, -50.0 * np.sin(twin.t) ** 2])
-    one = Fold(twin, np.ones(twin.n_samples, bool), link=Link(twin.t, lacks))
+    one = _fold(twin, np.ones(twin.n_samples, bool), link=Link(twin.t, lacks))
     loop = iv.axes.emps()
     loop = loop if share is None else loop.with_effect("flexibility", load_share=share)
     theta = {"viscous": 200.0, "coulomb": 20.0, "offset": 0.0}
@@ -316,12 +325,12 @@ def test_a_link_is_looked_for_no_lighter_than_what_a_pose_takes_of_it():
     part = alone(0, record, identified(record, loop)[0])
     inertia = part.loop.start["inertia"]
     link = np.column_stack([part.link[:, 0], -0.36 * inertia * (part.record.t < 1.0)])
-    one = Fold(part.record, usable(part.record, part.loop), link=Link(part.record.t, link))
+    link = Link(part.record.t, link)
+    one = _fold(part.record, usable(part.record, part.loop), part.loop, link)
     lightest = one.least_link / inertia
     assert lightest == pytest.approx(0.4)
     assert replace(one, link=None).least_link == 0.0
-    step = dict.fromkeys(part.loop.names, 1e-3)
-    rigid = gauss_newton(one, part.loop, part.loop.start, part.loop.names, step, 1)
+    rigid = gauss_newton(one, part.loop, part.loop.start, part.loop.names, 1)
     cost = starts._cost(one, rigid, EFFECTS["flexibility"])
     shape = {"frequency_hz": 20.0, "damping": 0.03, "load_friction": 0.0}
     costs = [cost({**shape, "load_share": lightest * share}) for share in (0.99, 1.01)]

@@ -18,6 +18,7 @@ from ivtools.gap import rules
 from ivtools.gap.attribute import Attribution, Evidence, attribution, probability
 from ivtools.gap.attribute.rounds import Round
 from ivtools.gap.candidate import Trial
+from ivtools.gap.library import Scales
 from ivtools.gap.rules import LIKELY, Rules
 from ivtools.loop.axis_file import from_tables
 from ivtools.physics import EFFECTS, Parameter, Term
@@ -194,7 +195,8 @@ def test_a_second_mass_that_is_hardly_one_has_no_name(effect):
     record, loop = iv.datasets.twin(), iv.axes.emps().with_effect(effect, **shape)
     for share, named in ((0.02, False), (0.2, True)):
         values = loop.values({**BASE, f"{effect}.load_share": share})
-        fit = SimpleNamespace(values=values, loop=loop, fold=SimpleNamespace(record=record))
+        fold = SimpleNamespace(scales=Scales(record, loop))
+        fit = SimpleNamespace(values=values, loop=loop, fold=fold)
         assert Trial(EFFECTS[effect], (fit, fit), (), ()).inside == named
 
 

@@ -14,7 +14,7 @@ from ivtools.gap.attribute import attribute, kept, selection
 from ivtools.gap.candidate import deeper, frozen, starts
 from ivtools.gap.diagnose import Task as Asked
 from ivtools.gap.diagnose import begin
-from ivtools.gap.fit import _bounded, gauss_newton, steps
+from ivtools.gap.fit import _bounded, gauss_newton
 from ivtools.gap.floor import Floor, folds, measure, prepared
 from ivtools.gap.floor.events import events, lasting
 from ivtools.gap.floor.floor import _refit
@@ -96,8 +96,7 @@ def test_an_effect_that_was_fitted_to_some_samples_is_frozen_on_all():
     measured = (measure(prepared(r, parity.check(r, base), records)) for r in records)
     sides, fits = folds(tuple(measured))
     few = [s.fold.only(np.arange(s.fold.record.n_samples) % 2 == 0, "half") for s in sides]
-    parts = tuple(gauss_newton(h, f.loop, f.values, f.free, steps(f.loop, s.scales))
-                  for h, f, s in zip(few, fits, sides, strict=True))  # fmt: skip
+    parts = tuple(f.refit(h) for h, f in zip(few, fits, strict=True))
     held = frozen(sides, parts)
     assert [len(h.e) for h in held] == [s.fold.n_kept for s in sides]
     assert [h.J.shape[0] for h in held] == [s.fold.n_kept for s in sides]
@@ -163,7 +162,7 @@ class Model:
 
 def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatch):
     """It goes on where the best of its first generation is, if only by a tenth."""
-    calls, side = {}, SimpleNamespace(scales=scales, fold=None, places={})
+    calls, side = {}, SimpleNamespace(fold=SimpleNamespace(scales=scales), places={})
     for best in (0.9, 1.0):
 
         def cost(point, best=best):
@@ -178,7 +177,7 @@ def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatc
 def test_a_search_ends_in_a_valley_that_is_known(scales, monkeypatch):
     """Unless the effect does nothing there any more."""
     calls, known = [], {"gap": 1e-4}
-    side = SimpleNamespace(scales=scales, fold=None, places={"backlash": known})
+    side = SimpleNamespace(fold=SimpleNamespace(scales=scales), places={"backlash": known})
     for left, searched in ((0.5, False), (1.0, True)):
 
         def cost(point, left=left):
@@ -194,7 +193,7 @@ def test_a_search_ends_in_a_valley_that_is_known(scales, monkeypatch):
 
 def test_a_valley_that_is_not_there_is_not_searched_for_again(scales, monkeypatch):
     """Unless so much is left that the search is denser, or beside another model."""
-    calls, side = [], SimpleNamespace(scales=scales, fold=None, places={})
+    calls, side = [], SimpleNamespace(fold=SimpleNamespace(scales=scales), places={})
     monkeypatch.setattr(starts, "_cost", lambda *_: lambda point: calls.append(point) or 1.0)
     one, other = Model(), Model()
     for model, left, searched in (
@@ -340,8 +339,7 @@ def test_in_a_valley_the_search_goes_on_with_what_it_had_chosen_of_a_few_values(
     begun = []
     for side, rigid in zip(sides, base, strict=True):
         values = loop.values({**rigid.values, **theta, "backlash.load_offset": 1.0})
-        step = steps(loop, side.scales)
-        begun.append(gauss_newton(side.fold, loop, values, rigid.free, step))
+        begun.append(gauss_newton(side.fold, loop, values, rigid.free))
     ended = deeper(sides, tuple(begun), term)
     for before, after in zip(begun, ended, strict=True):
         assert after.cost < 0.9 * before.cost
@@ -573,7 +571,8 @@ def test_of_a_delay_and_a_lag_one_is_enough_for_a_name():
     def inside(delay, lag):
         """Whether a fit with so many samples of either may have the name."""
         times = {"drive-timing.delay": delay * twin.dt, "drive-timing.lag": lag * twin.dt}
-        one = SimpleNamespace(fold=SimpleNamespace(record=twin), loop=loop, values=theta | times)
+        fold = SimpleNamespace(scales=Scales(twin, loop))
+        one = SimpleNamespace(fold=fold, loop=loop, values=theta | times)
         return candidate.Trial(EFFECTS["drive-timing"], (one, one), (), ()).inside
 
     assert inside(0.0, 2.0) and inside(2.0, 0.0) and inside(0.01, 2.0) and inside(2.0, 0.01)

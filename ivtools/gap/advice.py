@@ -149,11 +149,17 @@ def _signature(fit: Fit, name: str, record: Record) -> tuple[Array, Array]:
     )
     values = {n: fit.values[n] for n in plain.parameters}
     response = responses.measure(plain, record, values, fit.fold.oversampling)
-    fold = replace(fit.fold, record=record, keep=usable(record, loop), response=response)
+    fold = replace(
+        fit.fold,
+        record=record,
+        keep=usable(record, loop),
+        scales=Scales(record, plain),
+        response=response,
+    )
     simulation = fold.simulate(plain, values)
     e = fold.judged(plain, simulation)
     free = [n for n in plain.names if "." not in n]
-    J = jacobian(fold, plain, values, free, steps(plain, Scales(record, plain)), simulation, e)
+    J = jacobian(fold, plain, values, free, steps(fold, plain), simulation, e)
     return e - fold.error(loop, fit.values), J
 
 

@@ -6,7 +6,7 @@ as instruments: the estimate is consistent in closed loop.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,13 +21,13 @@ from ..problem import Problem
 from ..record import Record
 from ..workers import threaded
 from .fold import Fold
-from .library import Scales
 from .rules import (
     AGAIN,
     CONVERGED,
     DEPENDENT,
     JACOBIANS,
     KEEP_JACOBIAN,
+    NARROW,
     REACH,
     SHORTER,
     STEP,
@@ -108,8 +108,23 @@ class Fit:
     @cached_property
     def _common(self) -> Fit:
         """That of a fold which has been elsewhere."""
-        step = steps(self.loop, Scales(self.fold.record, self.loop))
-        return gauss_newton(self.fold.common, self.loop, self.values, self.free, step, AGAIN)
+        return self.refit(self.fold.common, iterations=AGAIN)
+
+    def refit(
+        self,
+        fold: Fold | None = None,
+        values: Mapping[str, float] | None = None,
+        free: Sequence[str] | None = None,
+        iterations: int = JACOBIANS,
+        near: Fit | None = None,
+    ) -> Fit:
+        """Return the model fitted again: on another fold, from other values, or of them fewer free.
+
+        As `gauss_newton`; what is not given is as it was.
+        """
+        start = {**self.values, **(values or {})}
+        free = self.free if free is None else free
+        return gauss_newton(fold or self.fold, self.loop, start, free, iterations, near)
 
     @cached_property
     def inverse(self) -> Inverse:
@@ -162,16 +177,12 @@ def of_effect(values: Mapping[str, float], effect: str) -> dict[str, float]:
     return {n.partition(".")[2]: v for n, v in values.items() if n.startswith(f"{effect}.")}
 
 
-def steps(loop: ClosedLoop, scales: Scales) -> dict[str, float]:
-    """Return the finite-difference step of every parameter of a loop."""
-    out = {}
+def steps(fold: Fold, loop: ClosedLoop, narrow: Collection[str] = ()) -> dict[str, float]:
+    """Return the finite-difference step of every parameter of a loop, that of some narrow."""
+    out, scales = {}, fold.scales
     for term in loop.terms:
-        shape = {
-            p.name: loop.start.get(n, p.neutral)
-            for n, p in zip(term.names, term.parameters, strict=True)
-        }
-        for i, name in enumerate(term.names):
-            p = term.parameters[i]
+        shape = {p.name: loop.start.get(n, p.neutral) for n, p in term.named.items()}
+        for i, (name, p) in enumerate(term.named.items()):
             size = scales.natural(term, i, shape)
             if not p.linear:
                 size = abs(shape[p.name]) or size
@@ -180,7 +191,7 @@ def steps(loop: ClosedLoop, scales: Scales) -> dict[str, float]:
                     size *= min(size / scales.sizes["stroke"], 1.0)
                 elif term.law is None:  # a larger wave folds the encoder over
                     size = shape[term.period] / (2.0 * np.pi)
-            out[name] = STEP * size
+            out[name] = STEP * size * (NARROW if name in narrow else 1.0)
     return out
 
 
@@ -209,7 +220,7 @@ def jacobian(
         term = owner[name]
         if near is not None and name in known:
             J[:, column] = near.J[:, known.index(name)]
-        elif rigid and term.law is not None and fold.response is not None:
+        elif rigid and term.law is not None:
             forces[column] = _law_change(term, name, values, step[name], simulation)
 
     def simulated(name: str) -> Array:
@@ -250,9 +261,9 @@ def gauss_newton(
     loop: ClosedLoop,
     values: Mapping[str, float],
     free: Sequence[str],
-    step: Mapping[str, float],
     iterations: int = JACOBIANS,
     near: Fit | None = None,
+    narrow: Collection[str] = (),
 ) -> Fit:
     """Minimise the whitened simulated-command error over the free parameters.
 
@@ -264,18 +275,19 @@ def gauss_newton(
         Starting values of all parameters.
     free : sequence of str
         Names of those that are fitted.
-    step : mapping
-        Finite-difference steps, as `steps` gives them.
     iterations : int
         At most so many Jacobians.
     near : Fit, optional
         On the same samples, near by: its Jacobian serves the first step.
+    narrow : collection of str
+        Parameters whose finite differences are narrow.
 
     Returns
     -------
     Fit
     """
     values, free = heavy_enough(fold, loop, dict(values)), tuple(free)
+    step = steps(fold, loop, narrow)
     simulation = fold.simulate(loop, values)
     e = fold.judged(loop, simulation)
     if not simulation.finite:  # nothing to descend on: its cost says so

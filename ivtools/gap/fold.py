@@ -129,10 +129,12 @@ class Fold:
     record : Record
     keep : ndarray of bool, (n_samples,)
         Samples that count.
+    scales : Scales
+        What parameters are measured in on the record.
+    response : Response
+        Of the command to a force: gives sensitivities without simulation.
     whitener : ndarray, (order + 1,)
         Polynomial that whitens the noise of the command, in N or N m, to unit variance.
-    response : Response, optional
-        Of the command to a force: gives sensitivities without simulation.
     label : str
     place : ndarray, (n_samples,), optional
         Where forces that depend on the position act, if not where the simulation is.
@@ -153,8 +155,9 @@ class Fold:
 
     record: Record
     keep: Mask
+    scales: Scales
+    response: Response
     whitener: Array = field(default_factory=lambda: np.ones(1))
-    response: Response | None = None
     label: str = "record"
     place: Array | None = None
     ramp: bool = False
@@ -250,7 +253,6 @@ class Fold:
     @cached_property
     def heard(self) -> Response:
         """Of the whitened error to a force."""
-        assert self.response is not None
         impulse = -np.convolve(self.response.impulse, self.whitener)
         return Response(impulse, self.record.n_samples)
 
@@ -439,9 +441,6 @@ class Side:
     Parameters
     ----------
     fold : Fold
-    response : Response
-        Of the command to a force.
-    scales : Scales
     rough : float
         Share of the record that no smooth law of the state explains.
     simulated : dict
@@ -453,8 +452,6 @@ class Side:
     """
 
     fold: Fold
-    response: Response
-    scales: Scales
     rough: float = 0.0
     places: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     simulated: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False)

@@ -14,7 +14,7 @@ from ..record import Record
 from ..units import JOINTS, plain_number, prefixed
 from .attribute import Attribution
 from .candidate import gone_on, phases
-from .fit import Fit, gauss_newton, steps
+from .fit import Fit, gauss_newton
 from .floor import Floor, Measured
 from .fold import Fold
 from .rules import ADEQUATE_NAMED, CLEAN, CONFIDENCE, CORRECTED, LEAST_BLOCKS, RETUNED
@@ -207,8 +207,7 @@ def declared(loop: ClosedLoop, measured: tuple[Measured, ...]) -> Fit:
     """Fit the loop as it was given, on the record that judges."""
     last = measured[-1]
     fold = replace(last.side.fold, record=last.logged)
-    step = steps(loop, last.side.scales)
-    return gauss_newton(fold, loop, last.base.values, last.base.free, step)
+    return gauss_newton(fold, loop, last.base.values, last.base.free)
 
 
 def how_far(
@@ -223,7 +222,7 @@ def how_far(
 
     If nothing is named it does not, but for what was put right of the controller, if that helps.
     """
-    after = _judged(_tuned(measured, result), measured, fold)
+    after = _judged(_tuned(measured, result), fold)
     before = replace(plain, fold=replace(plain.fold, keep=fold.keep))
     parity = measured[-1].parity
     right = not (parity.mismatch or parity.taken)
@@ -266,18 +265,12 @@ def beside(
         Where it is known, if not everywhere: nothing else is judged then.
     """
     tuned = _tuned(measured, result)
-    step = steps(tuned.loop, measured[-1].side.scales)
-
-    def again(fit: Fit, own: Fold) -> Fit:
-        """Return a model whose base parameters are tuned on another fold."""
-        return gauss_newton(own, fit.loop, fit.values, fit.free, step, RETUNED)
-
     if both is not None:
-        fold, tuned = fold.only(both, fold.label), again(tuned, tuned.fold.only(both, fold.label))
-    more = again(tuned, replace(tuned.fold, against=force))
+        fold = fold.only(both, fold.label)
+        tuned = tuned.refit(tuned.fold.only(both, fold.label), iterations=RETUNED)
+    more = tuned.refit(replace(tuned.fold, against=force), iterations=RETUNED)
     without, after = (
-        _judged(fit, measured, replace(fold, against=fit.fold.against)).force_rms
-        for fit in (tuned, more)
+        _judged(fit, replace(fold, against=fit.fold.against)).force_rms for fit in (tuned, more)
     )
     return without, after if np.isfinite(after) else without  # a loop that diverges closes nothing
 
@@ -287,13 +280,12 @@ def _tuned(measured: tuple[Measured, ...], result: Attribution) -> Fit:
     return result.held[-1] if result.named or len(measured) == 1 else measured[-1].base
 
 
-def _judged(tuned: Fit, measured: tuple[Measured, ...], fold: Fold) -> Fit:
+def _judged(tuned: Fit, fold: Fold) -> Fit:
     """Return a model on all that is judged."""
     if fold.doubt is None or tuned.fold.n_kept >= fold.n_kept:
         return replace(tuned, fold=fold)
     # what is likeliest of the load hangs together with the base parameters, on all of that
-    step = steps(tuned.loop, measured[-1].side.scales)
-    return gauss_newton(fold, tuned.loop, tuned.values, tuned.free, step, RETUNED)
+    return tuned.refit(fold, iterations=RETUNED)
 
 
 def _handed_over(fit: Fit, own: Fit) -> dict[str, float]:
@@ -308,8 +300,7 @@ def judge(loop: ClosedLoop, third: Measured, result: Attribution) -> Judged:
     free = [n for n in fit.free if n in loop.parameters or n in phases(fit.loop)]
     model = replace(fit.loop, controller=third.base.loop.controller)
     start = {**fit.values, **{n: third.base.values[n] for n in third.base.free}}
-    step = steps(model, third.side.scales)
-    after = gone_on(gauss_newton(third.fold, model, start, free, step), step)
+    after = gone_on(gauss_newton(third.fold, model, start, free))
     still = replace(after, values=_handed_over(fit, after))
     e, kept = after.force_error, still.force_error
     return Judged(

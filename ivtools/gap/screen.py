@@ -90,11 +90,11 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
         Effect to `Score`.
     """
     fold, now, e = fit.fold, fit.simulation, fit.beyond_base()
-    lines = spatial_lines.search(fold, side.response, e, now, terms)
+    lines = spatial_lines.search(fold, e, now, terms)
     tried = [
         _direction(side, fit, now, term, shape)
         for term in terms
-        for shape in _shapes(term, side.scales, now, lines)
+        for shape in _shapes(term, fold.scales, now, lines)
     ]
     found: dict[str, list[Score]] = {}
     for d in _beyond_base(list(filter(None, tried)), fit):

@@ -16,7 +16,7 @@ from ..linalg import fir
 from ..loop import Simulation
 from ..physics import Term
 from .fold import Fold
-from .response import Response, weight
+from .response import weight
 from .rules import (
     FAINT_LINE,
     HIGH_SPEED,
@@ -35,7 +35,6 @@ Array = NDArray[np.float64]
 
 def search(
     fold: Fold,
-    response: Response,
     e: Array,
     simulation: Simulation,
     terms: Sequence[Term],
@@ -47,7 +46,6 @@ def search(
     ----------
     fold : Fold
         With its whitener.
-    response : Response
     e : ndarray, (n_kept,)
         Whitened error, free of what the base model explains.
     simulation : Simulation
@@ -60,13 +58,12 @@ def search(
     v, tau = simulation.dq[:, 0], simulation.tau[:, 0]
     names = [t.name for t in terms if t.search == "lines"]
     weights = [weight(t, v, tau) for t in terms if t.search == "lines"]
-    found = strongest(fold, response, e, simulation, weights, count)
+    found = strongest(fold, e, simulation, weights, count)
     return dict(zip(names, found, strict=True))
 
 
 def strongest(
     fold: Fold,
-    response: Response,
     e: Array,
     simulation: Simulation,
     weights: Iterable[Array],
@@ -76,13 +73,11 @@ def strongest(
     q, v = simulation.where, simulation.dq[:, 0]
     full = np.zeros(len(q))
     full[fold.keep] = e
-    back = response.adjoint(fir(fold.whitener, full[::-1])[::-1])
-    return [_peaks(q, v, back, w, fold, response, count) for w in weights]
+    back = fold.response.adjoint(fir(fold.whitener, full[::-1])[::-1])
+    return [_peaks(q, v, back, w, fold, count) for w in weights]
 
 
-def _peaks(
-    q: Array, v: Array, back: Array, weight: Array, fold: Fold, response: Response, count: int
-) -> list[float]:
+def _peaks(q: Array, v: Array, back: Array, weight: Array, fold: Fold, count: int) -> list[float]:
     """Return the periods with the largest explained energy."""
     stroke = float(np.ptp(q))
     density, _ = np.histogram(
@@ -95,13 +90,14 @@ def _peaks(
     if not use.any():
         return []
     k, lines = k[use], lines[use]
-    explained = lines / _energy(k, v, weight, fold, response)
+    explained = lines / _energy(k, v, weight, fold)
     return [1.0 / k[i] for i in _maxima(explained, count, LINES_APART * PADDING)]
 
 
-def _energy(k: Array, v: Array, weight: Array, fold: Fold, response: Response) -> Array:
+def _energy(k: Array, v: Array, weight: Array, fold: Fold) -> Array:
     """Return the whitened energy of the answer to a unit line at each wave number."""
-    heard, white = (np.fft.rfft(x, POSITION_BINS) for x in (response.impulse, fold.whitener))
+    impulse, whitener = fold.response.impulse, fold.whitener
+    heard, white = (np.fft.rfft(x, POSITION_BINS) for x in (impulse, whitener))
     gain = np.abs(heard * white) ** 2
     energy, edges = np.histogram(np.abs(v), bins=LINE_SPEEDS, weights=weight**2 * fold.keep)
     speeds = 0.5 * (edges[1:] + edges[:-1])

@@ -319,8 +319,8 @@ def _added(record: Record, values: Mapping[str, float]) -> Array:
 
 def _rigid(loop: ClosedLoop, values: Mapping[str, float], dt: float) -> dict[str, float]:
     """Return the frequencies that are as good as rigid, as high as that takes."""
-    both = (pair for t in loop.terms for pair in zip(t.names, t.parameters, strict=True))
-    return {n: min(values[n], p.rigid / dt) for n, p in both if p.rigid < np.inf}
+    named = loop.parameters.items()
+    return {n: min(values[n], p.rigid / dt) for n, p in named if p.rigid < np.inf}
 
 
 def _links(record: Record, link: ArrayLike | None) -> tuple[Array, Array]:

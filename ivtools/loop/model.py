@@ -28,18 +28,12 @@ class Model:
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """Every parameter by its full name."""
-        return {n: p for t in self.terms for n, p in zip(t.names, t.parameters, strict=True)}
+        return {n: p for t in self.terms for n, p in t.named.items()}
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the columns of the observation matrix: what the force is linear in."""
-        return tuple(
-            n
-            for t in self.terms
-            if t.law is not None
-            for n, p in zip(t.names, t.parameters, strict=True)
-            if p.linear
-        )
+        return tuple(n for t in self.terms if t.law is not None for n in t.linear)
 
     @property
     def units(self) -> dict[str, str]:

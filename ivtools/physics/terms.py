@@ -174,6 +174,16 @@ class Term:
         prefix = "" if self.base else f"{self.name}."
         return tuple(prefix + p.name for p in self.parameters)
 
+    @cached_property
+    def named(self) -> dict[str, Parameter]:
+        """Each parameter by its full name."""
+        return dict(zip(self.names, self.parameters, strict=True))
+
+    @cached_property
+    def linear(self) -> tuple[str, ...]:
+        """Full names of the parameters that the force is linear in."""
+        return tuple(n for n, p in self.named.items() if p.linear)
+
     @property
     def second_mass(self) -> bool:
         """Whether a second mass is behind the motor with it."""
@@ -182,8 +192,8 @@ class Term:
     @cached_property
     def phases(self) -> tuple[str, ...]:
         """Full names of what has the phase of a line over position; none if it is no line."""
-        pairs = zip(self.names, self.parameters, strict=True)
-        return tuple(n for n, p in pairs if self.search == "lines" and p.name in PHASES)
+        named = self.named.items()
+        return tuple(n for n, p in named if self.search == "lines" and p.name in PHASES)
 
     @cached_property
     def period(self) -> str:

@@ -168,7 +168,7 @@ def play(
     fits, held = (last.fits, last.held) if last else (base, base)
     found = _screened(sides, fits, terms)
     removed = {n: size for r in rounds for n, size in r.removed.items()}
-    sensed = next(iter(BEHIND)) if all(s.scales.second_body for s in sides) else ""
+    sensed = next(iter(BEHIND)) if all(s.fold.scales.second_body for s in sides) else ""
     tried = _Tries(sides, fits, held, found, rules, removed, sensed).all()
     trials = tuple(t for t in tried.values() if t is not None)
     vain = {n: (1.0 - VALLEY_DEPTH) * cost(held) for n, t in tried.items() if t is None}

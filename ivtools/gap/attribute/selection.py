@@ -18,7 +18,7 @@ from ...physics import Term
 from ...workers import threaded
 from ..candidate import Trial, deeper, frozen
 from ..discrepancy import Laws
-from ..fit import Fit, common, gauss_newton, normal, steps
+from ..fit import Fit, common, gauss_newton, normal
 from ..fold import Side
 from ..library import library
 from ..rules import (
@@ -305,8 +305,7 @@ def _backward(
 def _lost(fit: Fit, name: str) -> float:
     """Return the cost of doing without an effect, to first order; 0 of one that is not linear."""
     term = next(t for t in fit.loop.terms if t.name == name)
-    pairs = zip(term.names, term.parameters, strict=True)
-    linear = {n for n, p in pairs if p.linear and term.search != "valleys"}
+    linear = term.linear if term.search != "valleys" else ()
     sizes = np.array([fit.values[n] if n in linear else 0.0 for n in fit.free])
     others = fit.J[:, [n not in term.names for n in fit.free]]
     change = fit.J @ sizes
@@ -336,7 +335,7 @@ def _without(sides: tuple[Side, ...], fits: tuple[Fit, ...], name: str) -> tuple
         loop: ClosedLoop = replace(fit.loop, terms=terms, start=start)
         values = {n: v for n, v in fit.values.items() if n in known}
         free = [n for n in fit.free if n in known]
-        return gauss_newton(side.fold, loop, values, free, steps(loop, side.scales))
+        return gauss_newton(side.fold, loop, values, free)
 
     found = tuple(threaded(one, sides, fits))
     for term in found[0].loop.terms:

@@ -11,7 +11,7 @@ from ...physics import Term
 from ...workers import threaded
 from ..fit import Fit, common, gauss_newton, jacobian, steps
 from ..fold import Side
-from ..rules import GOES_ON, NARROW, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
+from ..rules import GOES_ON, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
 from ..screen import Score
 from .starts import Point, beginning, starts
 from .trial import Trial
@@ -65,8 +65,7 @@ def _onwards(side: Side, own: Fit, held: Fit) -> Fit:
     """Return a fit, or the one that goes on from the other fold's effect where that is better."""
     if own.cost <= held.cost:
         return own
-    step = steps(own.loop, side.scales)
-    return gauss_newton(side.fold, own.loop, held.values, own.free, step)
+    return own.refit(side.fold, held.values)
 
 
 def deeper(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
@@ -81,17 +80,15 @@ def deeper(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> tuple[
 
     def one(side: Side, own: Fit, other: Fit) -> Fit:
         """Return that of one fold."""
-        step = steps(own.loop, side.scales)
         from_other = {**own.values, **{n: other.values[n] for n in term.names}}
-        loose = [n for n, p in zip(term.names, term.parameters, strict=True) if p.nuisance]
+        loose = [n for n, p in term.named.items() if p.nuisance]
         free = [*dict.fromkeys([*own.free, *loose])]
         both = (
-            gauss_newton(side.fold, own.loop, start, free, step, VALLEY_STEPS)
+            gauss_newton(side.fold, own.loop, start, free, VALLEY_STEPS)
             for start in (own.values, from_other)
         )
         best = min(both, key=lambda f: f.cost)
-        narrow = {n: step[n] * NARROW if n in term.names else step[n] for n in step}
-        return gauss_newton(side.fold, own.loop, best.values, free, narrow, VALLEY_STEPS)
+        return gauss_newton(side.fold, own.loop, best.values, free, VALLEY_STEPS, narrow=term.names)
 
     return tuple(threaded(one, sides, fits, fits[::-1])) if term.search == "valleys" else fits
 
@@ -127,16 +124,15 @@ def retuned(side: Side, fit: Fit, own: Fit) -> Fit:
         This fold's own: phases are taken from it, and the first Jacobian.
     """
     turned = phases(fit.loop)
-    base = side.scales.loop.parameters  # as declared, its own effects with it
+    base = side.fold.scales.loop.parameters  # as declared, its own effects with it
     free = [n for n in fit.free if n in base or n in turned]
-    start = {**fit.values, **{n: own.values[n] for n in turned if n in own.values}}
-    step = steps(fit.loop, side.scales)
+    own_phases = {n: own.values[n] for n in turned if n in own.values}
     smooth = not any(t.search == "valleys" for t in fit.loop.terms)
     near = own if smooth and own.fold is side.fold else None
-    return gone_on(gauss_newton(side.fold, fit.loop, start, free, step, RETUNED, near), step)
+    return gone_on(fit.refit(side.fold, own_phases, free, RETUNED, near))
 
 
-def gone_on(held: Fit, step: Mapping[str, float]) -> Fit:
+def gone_on(held: Fit) -> Fit:
     """Return a fit whose drifts, of a form that is known, are as large as its fold has them.
 
     How far what warms, or settles, still has to go is a matter of when a record begins.
@@ -145,20 +141,18 @@ def gone_on(held: Fit, step: Mapping[str, float]) -> Fit:
     ----------
     held : Fit
         With drifts that another fold found.
-    step : mapping
-        Finite-difference steps.
     """
     for term in held.loop.terms:
-        pairs = zip(term.names, term.parameters, strict=True)
-        known = [n for n, p in pairs if p.linear and held.values[n] and n not in held.free]
+        known = [n for n in term.linear if held.values[n] and n not in held.free]
         if not (term.of_time and known and held.simulation.finite):
             continue
+        step = steps(held.fold, held.loop)
         J = jacobian(held.fold, held.loop, held.values, known, step, held.simulation, held.e)
         change = held.beyond_base(J @ [held.values[n] for n in known])
         size = 1.0 - float(change @ held.e) / max(float(change @ change), 1e-300)
         size = float(np.clip(size, 1.0 / GOES_ON, GOES_ON))
-        values = {**held.values, **{n: size * held.values[n] for n in known}}
-        held = gauss_newton(held.fold, held.loop, values, held.free, step, RETUNED, held)
+        values = {n: size * held.values[n] for n in known}
+        held = held.refit(values=values, iterations=RETUNED, near=held)
     return held
 
 
@@ -175,23 +169,21 @@ def _extended(side: Side, fit: Fit, term: Term, begin: list[Point]) -> Fit:
     for values in begin:
         base = beginning(fit, term, values)
         loop = fit.loop.with_effect(term, **values)
-        step = steps(loop, side.scales)
         free = [*fit.free, *_free(term, values)]
-        new = gauss_newton(side.fold, loop, loop.values(base), free, step, near=near)
+        new = gauss_newton(side.fold, loop, loop.values(base), free, near=near)
         if new.cost > fit.cost:  # the base parameters must give way first: begin without it
             plain = {**loop.values(fit.values), **_absent(term)}
             if plain in plains:  # starts that differ in sizes only
                 continue
             plains.append(plain)
-            new = gauss_newton(side.fold, loop, plain, free, step, near=near)
+            new = gauss_newton(side.fold, loop, plain, free, near=near)
         found.append(new)
     return min(found, key=lambda f: f.cost)
 
 
 def _absent(term: Term) -> dict[str, float]:
     """Return what makes an effect vanish, its shape as it is."""
-    pairs = zip(term.names, term.parameters, strict=True)
-    return {name: p.neutral for name, p in pairs if p.linear}
+    return {name: term.named[name].neutral for name in term.linear}
 
 
 def _free(term: Term, values: Mapping[str, float]) -> list[str]:

@@ -65,7 +65,7 @@ def starts(
     if term.search == "valleys":
         return (_delivered(sides, fits, term),) * len(sides)
     if term.search == "either":
-        return tuple(alternatives(term, s.scales) for s in sides)
+        return tuple(alternatives(term, s.fold.scales) for s in sides)
     return tuple(s.starts for s in scores)
 
 
@@ -109,7 +109,8 @@ def _deepest(
     plain, known = sum(rigid), dict(sides[0].places.get(term.name, {}))
     if known and sum(c(known) for c in costs) < HOPELESS * plain:
         return [known]
-    boxes: list[tuple[Box, dict[bytes, float]]] = [(b, {}) for b in Box.of(term, sides[0].scales)]
+    scales = sides[0].fold.scales
+    boxes: list[tuple[Box, dict[bytes, float]]] = [(b, {}) for b in Box.of(term, scales)]
     found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), seen) for b, seen in boxes]
     least = min(found, key=_cheapest)[0]
     if left > LARGE and least > VALLEY_DEPTH * plain:
@@ -117,7 +118,7 @@ def _deepest(
         denser = [b for b in boxes if _power(b[0], SECOND_CROWD) > _power(b[0], FIRST_CROWD)]
         found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), seen) for b, seen in denser]
     if left > ADEQUATE and least > MOST * plain:
-        wider = Box.wider(term, sides[0].scales)
+        wider = Box.wider(term, scales)
         found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), {}) for b in wider]
     cost, best = min(found, key=_cheapest)
     if cost > HOPELESS * plain:
@@ -212,7 +213,7 @@ def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> li
         found = minimize(cost, begin, method="Nelder-Mead", bounds=[(0.0, 1.0)] * box.dimensions)
         return float(found.fun), box.point(found.x)
 
-    return [min(map(best, Box.of(term, sides[0].scales)), key=_cheapest)[1]]
+    return [min(map(best, Box.of(term, sides[0].fold.scales)), key=_cheapest)[1]]
 
 
 def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:

@@ -13,7 +13,6 @@ from ...physics import Term
 from ..discrepancy import Laws, a_line, other_waves, smooth_rest, stands, unlike_smooth
 from ..fit import Fit, common
 from ..fold import Fold, better_t
-from ..library import Scales
 from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, LEADING, MOST, STANDARD_ERRORS, Rules
 
 Array = NDArray[np.float64]
@@ -111,8 +110,7 @@ class Trial:
     @property
     def acts(self) -> bool:
         """Whether it does anything, on both folds: else its gain is that of a fit gone on with."""
-        pairs = list(zip(self.term.names, self.term.parameters, strict=True))
-        sizes = [n for n, p in pairs if p.linear] or [n for n, _ in pairs]
+        sizes = self.term.linear or self.term.names
         return all(any(fit.values[n] != 0.0 for n in sizes) for fit in self.fits)
 
     @property
@@ -128,7 +126,7 @@ class Trial:
         at_bound = (
             fit.values[name] == bound
             for fit in self.fits
-            for name, p in zip(self.term.names, self.term.parameters, strict=True)
+            for name, p in self.term.named.items()
             for bound in (p.lower, p.upper)
             if bound not in (0.0, 1.0) and not p.nuisance
         )
@@ -140,8 +138,8 @@ class Trial:
 
         A spring looks like a contact that is soft, in a gap of any width that is small.
         """
-        pairs = zip(self.term.names, self.term.parameters, strict=True)
-        gaps = [n for n, p in pairs if self.term.second_mass and p.scale == "stroke"]
+        named = self.term.named.items()
+        gaps = [n for n, p in named if self.term.second_mass and p.scale == "stroke"]
         sizes = ([fit.values[n] for fit in self.fits] for n in gaps)
         return all(max(s) <= AGREES * min(s) for s in sizes)
 
@@ -153,14 +151,14 @@ class Trial:
         two parameters of which either does it one is enough: the other may be nothing, or hardly
         anything.
         """
-        found = [Scales(fit.fold.record, fit.loop).sizes for fit in self.fits]
+        found = [fit.fold.scales.sizes for fit in self.fits]
         sizes = {k: max(size[k] for size in found) for k in found[0]}
-        pairs = list(zip(self.term.names, self.term.parameters, strict=True))
+        named = self.term.named.items()
         small = any if self.term.search != "either" else all
 
         def beyond(fit: Fit) -> bool:
             """Whether that holds of one fold."""
-            sized = [(fit.values[n] / sizes[p.scale], p) for n, p in pairs]
+            sized = [(fit.values[n] / sizes[p.scale], p) for n, p in named]
             return any(v > p.most for v, p in sized) or small(v < p.least for v, p in sized)
 
         return any(map(beyond, self.fits))

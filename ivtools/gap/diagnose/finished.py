@@ -15,7 +15,7 @@ from .. import advice, discrepancy, locate, parity, quantify, verdict
 from ..attribute import Attribution, cost, probability
 from ..diagnosis import Diagnosis
 from ..discrepancy import Discrepancy
-from ..fit import Fit, common, gauss_newton, steps
+from ..fit import Fit, common
 from ..floor import Measured, come_again, masked
 from ..fold import Fold
 from ..preflight import Finding
@@ -158,6 +158,4 @@ def _that_lower(
 
 def _whole(m: Measured, result: Attribution) -> Fit:
     """Return the final model, fitted to all that counts of the first record."""
-    fit, fold = result.fits[0], masked(m).fold
-    step = steps(fit.loop, m.side.scales)
-    return gauss_newton(fold, fit.loop, fit.values, fit.free, step)
+    return result.fits[0].refit(masked(m).fold)

@@ -87,7 +87,7 @@ class Laws:
     def _along(cls, fits: Sequence[Fit]) -> Laws | None:
         """Return the laws along the motion of fits, made anew."""
         runs = tuple(f.simulation for f in fits)
-        if not all(r.finite for r in runs) or any(f.fold.response is None for f in fits):
+        if not all(r.finite for r in runs):
             return None
         basis = Basis.of(runs)
         before = _warmth(fits, runs, basis)
@@ -293,8 +293,7 @@ def _periods(fits: Sequence[Fit], runs: Sequence[Simulation]) -> tuple[float, ..
         v = run.dq[:, 0]
         e = f.beyond_base()
         weights = (np.sign(v), v / max(float(np.max(np.abs(v))), 1e-300))
-        assert f.fold.response is not None
-        lines = spatial_lines.strongest(f.fold, f.fold.response, e, run, weights, 1)
+        lines = spatial_lines.strongest(f.fold, e, run, weights, 1)
         return [p for line in lines for p in line]
 
     return tuple(p for each in threaded(found, fits, runs) for p in each)

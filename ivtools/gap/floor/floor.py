@@ -21,7 +21,7 @@ from ...physics import EFFECTS
 from .. import spatial_lines
 from ..fit import Fit
 from ..fold import Fold
-from ..response import Response, features, memories, mixed, waves
+from ..response import features, memories, mixed, waves
 from ..rules import (
     EVENT_TIME,
     FEW_EVENTS,
@@ -110,21 +110,19 @@ class Floor:
         return bool(self.events) and few and float(np.mean(self.event_mask)) < most
 
 
-def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = None) -> Floor:
+def measure(fit: Fit, raw: Array, unknown: Array | None = None) -> Floor:
     """Measure the floor of a fold.
 
     Parameters
     ----------
     fit : Fit
         A fit of the base model on unwhitened error.
-    response : Response
-        Of the command to a force.
     raw : ndarray, (n_samples,)
         Force error of that fit, N or N m.
     unknown : ndarray, (n_samples, m), optional
         What the command answers to what is not known of the load: neither noise nor an event.
     """
-    fold, keep = fit.fold, fit.fold.keep
+    fold, keep, response = fit.fold, fit.fold.keep, fit.fold.response
     dt = fold.record.dt
     _require(raw)
     simulation = fit.simulation
@@ -148,7 +146,7 @@ def measure(fit: Fit, response: Response, raw: Array, unknown: Array | None = No
         scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, FREE))  # degrees of freedom
         whitener = whitener / scale
         if k == 0:  # these would pass for coloured noise, and what remembers may pass for an event
-            lines = _lines(fold, response, rest, whitener, simulation)
+            lines = _lines(fold, rest, whitener, simulation)
             more = np.hstack([lines, memories(simulation), mixed(simulation)])
             columns = np.hstack([columns, response(more)])
         rest = _refit(columns, fit, raw, whitener, keep & ~events(white / scale, keep, dt, rounded))
@@ -185,13 +183,11 @@ def _require(x: Array) -> None:
         )
 
 
-def _lines(
-    fold: Fold, response: Response, rest: Array, whitener: Array, simulation: Simulation
-) -> Array:
+def _lines(fold: Fold, rest: Array, whitener: Array, simulation: Simulation) -> Array:
     """Return waves over position at the strongest periods, plain, by load and by speed."""
     fold = replace(fold, whitener=whitener)
     white, terms = fold.white(rest), tuple(EFFECTS.values())
-    found = spatial_lines.search(fold, response, white, simulation, terms, count=1)
+    found = spatial_lines.search(fold, white, simulation, terms, count=1)
     return waves(simulation, terms, found)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -14,11 +14,10 @@ from ...loop import ClosedLoop
 from ...loop.rough_inertia import rough_inertia
 from ...record import Record
 from .. import preflight, response
-from ..fit import Fit, Inverse, gauss_newton, steps
+from ..fit import Fit, Inverse, gauss_newton
 from ..fold import Fold, Link, Side, stepped, usable
 from ..library import Scales
 from ..parity import Parity
-from ..response import Response
 from ..rules import ADEQUATE, AGAIN, BEYOND, COMMON, MOST, PARITY_POOR, STRETCHES
 from . import floor
 from .floor import Floor
@@ -96,9 +95,6 @@ class Fitted(NamedTuple):
 
     fit: Fit
     left: Array
-    response: Response
-    scales: Scales
-    step: Mapping[str, float]
 
 
 def fitted(ready: Ready) -> Fitted:
@@ -112,25 +108,29 @@ def fitted(ready: Ready) -> Fitted:
     record, loop, checked, place, driven, ramp, _ = ready
     if not driven and record.added is not None and "added" in checked.mismatch:
         record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
-    scales = Scales(record, loop)
     keep = usable(record, loop)
     values = Inverse.of(record, loop).values()
     if not values.get("inertia", 1.0) > 0.0:  # a pendulum or a spring that the model lacks
         values = {**values, "inertia": rough_inertia(loop, record)}
     oversampling = 1 if driven else checked.oversampling
-    heard = response.measure(loop, record, values, oversampling)
     if oversampling > 1:  # of when it stepped the log has nothing nearer than its samples
         keep = keep & ~stepped(record)
     fold = Fold(
-        record, keep, np.ones(1), heard, record.name, place, ramp, oversampling=oversampling
+        record,
+        keep,
+        Scales(record, loop),
+        response.measure(loop, record, values, oversampling),
+        label=record.name,
+        place=place,
+        ramp=ramp,
+        oversampling=oversampling,
     )
-    step = steps(loop, scales)
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
-    fit = gauss_newton(fold, loop, values, free, step)
+    fit = gauss_newton(fold, loop, values, free)
     left = fold.force_error(loop, fit.values)
     if not np.isfinite(left).all():  # what the model lacks has bent the start
         values = {**values, "inertia": rough_inertia(loop, record)}
-        fit = gauss_newton(fold, loop, values, free, step)
+        fit = gauss_newton(fold, loop, values, free)
         left = fold.force_error(loop, fit.values)
     if not np.isfinite(left).all():
         raise EstimationError(
@@ -139,21 +139,20 @@ def fitted(ready: Ready) -> Fitted:
             "[drive] gain; a force of the position that the model lacks (spring, gravity) may be "
             "added to [model] terms"
         )
-    return Fitted(fit, left, heard, scales, step)
+    return Fitted(fit, left)
 
 
 def measure(ready: Ready) -> Measured:
     """Fit the base model, and learn the floor."""
-    fit, left, heard, scales, step = fitted(ready)
-    fold, loop, link = fit.fold, ready.loop, ready.link
+    fit, left = fitted(ready)
+    fold, link = fit.fold, ready.link
     unknown = None if link is None or link.doubt is None else link.doubt.on(fold.record)
-    level = floor.measure(fit, heard, left, unknown)
+    level = floor.measure(fit, left, unknown)
     fold = replace(fold, whitener=level.whitener, link=link)
     if fold.doubt is None:  # else what is not known counts as noise
         fold = replace(fold, smooth=level.generic)
-    fit = gauss_newton(fold, loop, fit.values, fit.free, step)
-    rough = float(np.mean(level.event_mask))
-    side = Side(fold, heard, scales, rough)
+    fit = fit.refit(fold)
+    side = Side(fold, float(np.mean(level.event_mask)))
     return Measured(side, fit, level, ready.parity, ready.record, ready.driven)
 
 
@@ -198,8 +197,7 @@ def masked(m: Measured) -> Measured:
     if not m.floor.isolated:
         return m
     fold = m.fold.only(~m.floor.event_mask, m.fold.label)
-    step = steps(m.base.loop, m.side.scales)
-    fit = gauss_newton(fold, m.base.loop, m.base.values, m.base.free, step, AGAIN)
+    fit = m.base.refit(fold, iterations=AGAIN)
     return replace(m, side=replace(m.side, fold=fold, rough=0.0), base=fit)
 
 
@@ -235,11 +233,8 @@ def folds(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit, 
     for label, half_keep in (("part 1", first), ("part 2", ~first)):
         half = fold.only(half_keep, label)
         side = replace(only.side, fold=half)
-        step = steps(only.base.loop, side.scales)
         sides.append(side)
-        fits.append(
-            gauss_newton(half, only.base.loop, only.base.values, only.base.free, step, AGAIN)
-        )
+        fits.append(only.base.refit(half, iterations=AGAIN))
     return tuple(sides), tuple(fits)
 
 

@@ -13,9 +13,9 @@ from ...physics import EFFECTS, Term
 from ...simulators.difference import CREEPS, Difference, dry
 from ...tables import Text, table
 from ..diagnosis import Diagnosis
-from ..fit import Fit, gauss_newton, steps
+from ..fit import Fit, gauss_newton
 from ..fold import better_t
-from ..library import Scales, library
+from ..library import library
 from ..rules import ADEQUATE, CHANGED_T, CONFIDENCE, STICKS, TIE, TRADING, Rules
 
 
@@ -140,10 +140,7 @@ def _as_good(one: Fit, other: Fit, rules: Rules) -> bool:
 
 def _tuned(fit: Fit, values: Mapping[str, float], without: Collection[str] = ()) -> Fit:
     """Return a fit that goes on from given values, some of them no longer free."""
-    scales = Scales(fit.fold.record, fit.loop)
-    free = [name for name in fit.free if name not in without]
-    step = steps(fit.loop, scales)
-    return gauss_newton(fit.fold, fit.loop, {**fit.values, **values}, free, step)
+    return fit.refit(values=values, free=[name for name in fit.free if name not in without])
 
 
 def _errors(fit: Fit, alternatives: Sequence[Mapping[str, float]]) -> dict[str, float]:
@@ -222,9 +219,8 @@ def twins(fit: Fit, pair: Difference, rules: Rules) -> dict[str, dict[str, dict[
 def _as_well(fit: Fit, frozen: Fit, term: Term, rules: Rules) -> dict[str, float] | None:
     """Return the values of an effect that does as well as a change; None if it does not."""
     loop = frozen.loop.with_effect(term)
-    step = steps(loop, Scales(frozen.fold.record, loop))
     values, free = loop.values(frozen.values), (*frozen.free, *term.names)
-    other = gauss_newton(frozen.fold, loop, values, free, step)
+    other = gauss_newton(frozen.fold, loop, values, free)
     gain = (frozen.cost - other.cost) / (frozen.cost - fit.cost)
     near = gain > 1.0 - rules.equivalence and _as_good(other, fit, rules)
     same = gain > 1.0 - TIE and other.cost < ADEQUATE * fit.cost

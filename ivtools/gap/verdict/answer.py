@@ -11,9 +11,8 @@ import numpy as np
 
 from ...units import percent, plural, quantity
 from ..attribute import Attribution, Supposed, cost
-from ..fit import Fit, common, gauss_newton, steps
+from ..fit import Fit, common
 from ..floor import Measured, come_again
-from ..library import Scales
 from ..preflight import Finding
 from ..quantify import Shrink
 from ..rules import (
@@ -120,15 +119,12 @@ def _own_parameters(fit: Fit) -> Fit:
     if link is None or link.doubt is None:
         return fit
     fold = replace(fit.fold, link=replace(link, doubt=link.doubt.whole))
-    step = steps(fit.loop, Scales(fold.record, fit.loop))
-    return gauss_newton(fold, fit.loop, fit.values, fit.free, step)
+    return fit.refit(fold)
 
 
 def _needed(fit: Fit, name: str, value: float) -> bool:
     """Whether no other base parameter makes up for the other record's value of this one."""
-    step = steps(fit.loop, Scales(fit.fold.record, fit.loop))
-    others = [n for n in fit.free if n != name]
-    moved = gauss_newton(fit.fold, fit.loop, {**fit.values, name: value}, others, step)
+    moved = fit.refit(values={name: value}, free=[n for n in fit.free if n != name])
     clear = fit.cost <= STEADY or moved.cost > OTHER_VALUE * fit.cost
     return clear and (moved.cost - fit.cost) * len(fit.e) > CHANGED_T**2
 

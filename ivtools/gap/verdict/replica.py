@@ -212,15 +212,13 @@ def replicate(
 def _made(fit: Fit, base: Fit) -> dict[str, Array]:
     """Return what one unit of each size of a law does to the error, beside the base model."""
     laws = [t for t in fit.loop.terms if not t.base and t.law is not None and not t.net]
-    if not laws or fit.fold.response is None:
-        return {}
     run = fit.simulation
-    if not run.finite:
+    if not laws or not run.finite:
         return {}
     names, forces = [], []
     for term in laws:
         shape = of_effect(fit.values, term.name)
-        for i, (name, p) in enumerate(zip(term.names, term.parameters, strict=True)):
+        for i, (name, p) in enumerate(term.named.items()):
             if p.linear:
                 names.append(name)
                 forces.append(unit_force(term, i, shape, run))
