@@ -173,9 +173,9 @@ class Diagnosis(Displayed):
                 self.p_value(r),
                 "yes" if r.effect in self.effects else "replicates" if r.replicates else "",
             )
-            for r in self.ranking[:8]
+            for r in self.first
         ]
-        notes = [SCREENED] if any(not r.held_out for r in self.ranking[:8]) else []
+        notes = [SCREENED] if any(not r.held_out for r in self.first) else []
         name = self.name if len(self.name) <= 60 else f"{self.name[:30]}~{self.name[-29:]}"
         return table(f"Diagnosis of {name}", self._lines(), header, rows, [*notes, *self._notes()])
 
@@ -317,6 +317,11 @@ class Diagnosis(Displayed):
         fitted = {r.effect for r in self.ranking if r.held_out}
         return tuple(e for e in self.effects if e in self.beside or e not in fitted)
 
+    @property
+    def first(self) -> tuple[Ranked, ...]:
+        """The first of the ranking: what is shown of it."""
+        return self.ranking[:8]
+
     def p_value(self, ranked: Ranked) -> str:
         """Return a p value of the ranking as it is printed."""
         return "-" if ranked.effect in self.later else ranked.chance
@@ -332,7 +337,7 @@ class Diagnosis(Displayed):
 
         Too much of an effect is taken away: what it is linear in turns its sign, its shape stays.
         """
-        linear = {name for name, p in self.loop.parameters.items() if p.linear}
+        linear = {name for term in self.loop.terms for name in term.linear}
         return {
             name: c.change if name in linear or not self.surplus else c.simulator
             for name, c in (self.changes or {}).items()

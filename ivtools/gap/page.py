@@ -59,11 +59,10 @@ def page(diagnosis: Diagnosis) -> Page:
     from ..report import Page
 
     out = Page(f"Diagnosis of {diagnosis.name}", _lead(diagnosis), _card(diagnosis))
-    said = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
-    shown = [named_table(diagnosis)] if diagnosis.replicas else []
+    shown = _named(diagnosis)
     if diagnosis.changes:
         shown.append(changes_table(diagnosis.changes))
-    out.add("The answer", *gap_text(diagnosis), *said, tables=shown)
+    out.add("The answer", *_answer(diagnosis), tables=shown)
     if diagnosis.traces is None or diagnosis.shrink is None:
         return out
     about = _RECORD if diagnosis.effects else _RECORD_ALONE
@@ -71,12 +70,10 @@ def page(diagnosis: Diagnosis) -> Page:
     drawn = partial(_drawn, diagnosis)
     out.add("Where", _WHERE, figures=drawn(figures.WHERE))
     said = [*map(sentence, diagnosis.said_of_beside), *_nothing(diagnosis)]
-    said += [sentence(SCREENED)] if any(not r.held_out for r in diagnosis.ranking[:8]) else []
-    ranked = ranking_table(diagnosis)
-    if diagnosis.verdict == "adequate":  # shares of next to nothing
-        out.add("Which effect", *said, folded=[(_OF_LITTLE, ranked)])
-    else:
-        out.add("Which effect", *said, tables=[ranked], figures=drawn(figures.WHICH))
+    said += [sentence(SCREENED)] if any(not r.held_out for r in diagnosis.first) else []
+    ranked, folded = _ranked(diagnosis)
+    which = drawn(figures.WHICH) if ranked else []
+    out.add("Which effect", *said, tables=ranked, figures=which, folded=folded)
     if (left := diagnosis.discrepancy) is not None:
         shown, curve = [_nameless_table(diagnosis, left)], figures.nameless_of(diagnosis)
         out.add("What has no name", _nameless(left), tables=shown, figures=drawn(curve))
@@ -108,15 +105,11 @@ def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
     from ..plots import gap as figures
 
     verdict = f"{diagnosis.verdict.capitalize()}: {diagnosis.why}."
-    said = [sentence(text) for text in (*(f.text for f in diagnosis.findings), *_more(diagnosis))]
-    tables = [named_table(diagnosis)] if diagnosis.replicas else []
+    ranked: list[Text] = []
+    folded: list[tuple[str, Text]] = []
     charts: list[Picture | Chart] = []
-    folded = []
     if diagnosis.traces is not None and diagnosis.shrink is not None:
-        if diagnosis.verdict == "adequate":
-            folded = [(_OF_LITTLE, ranking_table(diagnosis))]
-        else:
-            tables.append(ranking_table(diagnosis))
+        ranked, folded = _ranked(diagnosis)
         about = _RECORD if diagnosis.effects else _RECORD_ALONE
         charts.append(figures.over_time(diagnosis, figure, about))
     charts += _drawn(diagnosis, figures.nameless_of(diagnosis), f"{figure}-")
@@ -124,13 +117,29 @@ def add_joint(out: Page, title: str, diagnosis: Diagnosis, figure: str) -> None:
     out.add(
         title,
         verdict,
-        *gap_text(diagnosis),
-        *said,
+        *_answer(diagnosis),
         *remarks,
-        tables=tables,
+        tables=[*_named(diagnosis), *ranked],
         figures=charts,
         folded=folded,
     )
+
+
+def _answer(diagnosis: Diagnosis) -> list[str]:
+    """Return the gap in words, and what is to be known besides."""
+    more = (*(f.text for f in diagnosis.findings), *_more(diagnosis))
+    return [*gap_text(diagnosis), *map(sentence, more)]
+
+
+def _named(diagnosis: Diagnosis) -> list[Text]:
+    """Return the table of what is named, if anything is."""
+    return [named_table(diagnosis)] if diagnosis.replicas else []
+
+
+def _ranked(diagnosis: Diagnosis) -> tuple[list[Text], list[tuple[str, Text]]]:
+    """Return the ranking, to be shown or, if it is shares of next to nothing, to be folded."""
+    ranked = ranking_table(diagnosis)
+    return ([], [(_OF_LITTLE, ranked)]) if diagnosis.verdict == "adequate" else ([ranked], [])
 
 
 def _lead(diagnosis: Diagnosis) -> str:
@@ -329,9 +338,7 @@ def named_table(diagnosis: Diagnosis) -> Text:
 
 def ranking_table(diagnosis: Diagnosis) -> Text:
     """Return what each effect closes by itself, the most first."""
-    rows = [
-        [r.effect, f"{100 * r.closed:.0f} %", diagnosis.p_value(r)] for r in diagnosis.ranking[:8]
-    ]
+    rows = [[r.effect, f"{100 * r.closed:.0f} %", diagnosis.p_value(r)] for r in diagnosis.first]
     return table("Ranking", [], ["effect", "closes by itself", "p value"], rows)
 
 
