@@ -117,14 +117,18 @@ def test_the_emps_pulses_are_not_what_was_recorded(loop, emps_pulses):
 
 
 @pytest.mark.parametrize("settled", [True, False])
-def test_a_law_with_states_of_its_own_may_begin_anywhere(loop, settled):
-    """Integrator and filtered difference; a record that begins elsewhere, and in motion."""
-    own = {
-        "A": [[1.0, 0.0], [0.0, 0.6]],
-        "B": [[1.0, -1.0], [0.0, 1.0]],
-        "C": [[0.05, 100.0]],
-        "D": [[390.0, -640.0]],
-    }
+@pytest.mark.parametrize("states", [None, [[1.0, 0.6], [1.0, 1.0]], [[3e-4, 2.0], [-1.0, 7e3]]])
+def test_a_law_with_states_of_its_own_may_begin_anywhere(loop, settled, states):
+    """Integrator and filtered difference; a record that begins elsewhere, and in motion.
+
+    Whatever combinations of the two are called states, as in a companion form, which hides the
+    integrator behind a difference of large ones.
+    """
+    A, B = np.diag([1.0, 0.6]), np.array([[1.0, -1.0], [0.0, 1.0]])
+    C, D = np.array([[0.005, 100.0]]), [[390.0, -640.0]]
+    T = np.eye(2) if states is None else np.array(states)
+    own = {"A": T @ A @ np.linalg.inv(T), "B": T @ B, "C": C @ np.linalg.inv(T), "D": D}
+    own = {k: np.asarray(v).tolist() for k, v in own.items()}
     loop = replace(loop, controller=replace(loop.controller, kind="state-space", settings=own))
     given = iv.datasets.twin()
     given = given.replace(q=given.q + 0.3, q_ref=given.q_ref + 0.3)

@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 
 INPUTS = ("q_ref", "dq_ref", "feed", "q", "dq")
 _AT_LIMIT = 1.0 - 1e-6  # of the limit, from which a command counts as clipped
-_SILENT = 1e-2  # of a state's own response: where less is seen of it, it is as if settled
+_SILENT = 1e-2  # of what a start does by itself: where less is seen of it, it is as if settled
+_NONE = 1e-10  # of the largest singular value: what states together do not do to the command
 KNOWN, MEASURED = slice(0, 3), slice(3, 5)  # of the inputs: before a simulation, and in it
 
 
@@ -167,10 +168,13 @@ class LinearLaw:
             rows[: len(self.taps)] = False
         left = (command - given)[rows]
         size = np.maximum(np.max(np.abs(free), axis=0), 1e-300)
-        U, seen, V = np.linalg.svd(free[rows] / size, full_matrices=False)
+        # what the states can do to the command, whatever they are; of it, what is seen
+        does, much, states = np.linalg.svd(free / size, full_matrices=False)
+        acts = much > _NONE * much[0]
+        U, seen, V = np.linalg.svd(does[np.ix_(rows, acts)], full_matrices=False)
         told = seen > _SILENT  # noise would be all of the others
-        change = V[told].T @ (U[:, told].T @ left / seen[told]) / size
-        found = start + change
+        change = V[told].T @ (U[:, told].T @ left / seen[told]) / much[acts]
+        found = start + states[acts].T @ change / size
         return found if np.isfinite(found).all() else start
 
     def settled(self, inputs: Array, command: float | None = None) -> Array:
