@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import ivtools as iv
 from benchmarks import moves
@@ -231,6 +232,19 @@ def test_a_law_that_typical_samples_hardly_show_is_not_fitted_to_them():
     fit = SimpleNamespace(J=np.ones((4000, 1)), fold=everywhere)
     rest = _refit(np.column_stack([shown, hidden]), fit, raw, np.ones(1), typical)
     assert np.std(rest) == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_law_of_which_little_shows_does_not_go_astray():
+    """Fitted to what slow noise makes of it, it had left many times as much elsewhere."""
+    rng, n = np.random.default_rng(0), 4000
+    typical = np.arange(n) < 3600
+    everywhere = SimpleNamespace(keep=np.ones(n, bool))
+    fit = SimpleNamespace(J=np.ones((n, 1)), fold=everywhere)
+    seldom = np.where(typical, 0.004 * np.sin(np.arange(n) / 200.0), np.sin(np.arange(n) / 20.0))
+    raw = signal.lfilter([0.05], [1.0, -0.95], rng.normal(size=n))
+    rest = _refit(seldom[:, None], fit, raw, np.ones(1), typical)
+    assert np.std(rest[~typical]) < 1.5 * np.std(raw[~typical])
+    assert np.std(rest[typical]) <= 1.01 * np.std(raw[typical])
 
 
 def test_a_swing_is_found_in_noise():

@@ -304,9 +304,11 @@ DEPENDENT = 1e-10
 #: The same of force laws, along which noise is told from what they make (numerics: with 1e-11 the
 #: floor of a slow force that follows nothing is 5 % higher).
 SAME_LAW = 1e-12
-#: A smooth law is fitted to typical samples if they show this share of its energy at least
-#: (training: a joint beside one that rattles, 1e-5 to 0.01 do the same; the least changes fewest).
-SHOWN = 1e-5
+#: A smooth law is fitted to typical samples if they show this share of its energy at least: the
+#: first of these with which it leaves at most twice the energy elsewhere that there was (training:
+#: a joint beside one that rattles, 1e-5 to 0.01 do the same; of 48 healthy axes with slow noise one
+#: had forty times its noise where a law of which 1e-4 showed went astray).
+SHOWN = (1e-5, 1e-4, 1e-3, 1e-2, 0.1)
 #: Width of the lag window that keeps the noise model stable, per sample, and its largest root
 #: (numerics: the spectrum is smoothed over a hundredth of the rate).
 LAG_WINDOW, LARGEST_ROOT = 0.02, 0.999

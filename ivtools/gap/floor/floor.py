@@ -204,7 +204,8 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     """Do the same by generalised least squares, on the typical samples only.
 
     What hardly acts there, as a friction at reversals where each of them is an event, stays: fitted
-    to the little that shows of it, it would be anything where it acts.
+    to the little that shows of it, it would be anything where it acts. How little is too little
+    shows elsewhere, where the law must not leave much more than there was.
     """
     full = np.zeros((len(raw), fit.J.shape[1]))
     full[fit.fold.keep] = fit.J
@@ -215,9 +216,14 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     alone = independent(A[fit.fold.keep], SAME_LAW)
     B = A[typical] @ alone
     share, within = np.linalg.eigh(B.T @ B)  # of their energy
-    shown = share > SHOWN
-    beta = alone @ (within[:, shown] @ (within[:, shown].T @ (B.T @ b) / share[shown]))
-    return np.asarray(raw - basis @ beta)
+    sizes = within.T @ (B.T @ b)
+    elsewhere, rest = fit.fold.keep & ~typical, raw
+    for least in SHOWN:
+        shown = share > least
+        rest = raw - basis @ (alone @ (within[:, shown] @ (sizes[shown] / share[shown])))
+        if np.sum(rest[elsewhere] ** 2) <= 2.0 * np.sum(raw[elsewhere] ** 2):
+            break
+    return np.asarray(rest)
 
 
 def _without_slow_forces(x: Array, keep: Mask, dt: float, most: float) -> Array:
