@@ -205,7 +205,7 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
 
     What hardly acts there, as a friction at reversals where each of them is an event, stays: fitted
     to the little that shows of it, it would be anything where it acts. How little is too little
-    shows elsewhere, where the law must not leave much more than there was.
+    shows elsewhere, where the law must not leave ten times what there was.
     """
     full = np.zeros((len(raw), fit.J.shape[1]))
     full[fit.fold.keep] = fit.J
@@ -221,7 +221,7 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     for least in SHOWN:
         shown = share > least
         rest = raw - basis @ (alone @ (within[:, shown] @ (sizes[shown] / share[shown])))
-        if np.sum(rest[elsewhere] ** 2) <= 2.0 * np.sum(raw[elsewhere] ** 2):
+        if np.sum(rest[elsewhere] ** 2) <= 100.0 * np.sum(raw[elsewhere] ** 2):
             break
     return np.asarray(rest)
 
