@@ -125,7 +125,7 @@ def test_a_law_with_states_of_its_own_may_begin_anywhere(loop, settled, states):
     integrator behind a difference of large ones.
     """
     A, B = np.diag([1.0, 0.6]), np.array([[1.0, -1.0], [0.0, 1.0]])
-    C, D = np.array([[0.005, 100.0]]), [[390.0, -640.0]]
+    C, D = np.array([[0.05 if states is None else 0.005, 100.0]]), [[390.0, -640.0]]
     T = np.eye(2) if states is None else np.array(states)
     own = {"A": T @ A @ np.linalg.inv(T), "B": T @ B, "C": C @ np.linalg.inv(T), "D": D}
     own = {k: np.asarray(v).tolist() for k, v in own.items()}
@@ -136,6 +136,15 @@ def test_a_law_with_states_of_its_own_may_begin_anywhere(loop, settled, states):
     record = given.replace(q=sim.q, nu=sim.nu)
     found = parity.check(record if settled else record.slice(2500, 14000), loop)
     assert found.after < 1e-6 and not found.mismatch and found.delay == loop.controller.delay
+
+
+def test_a_law_that_overflows_along_the_record_explains_nothing_of_it(loop):
+    own = {"A": [[1.3]], "B": [[1.0, -1.0]], "C": [[0.1]], "D": [[3.0, -3.0]]}
+    loop = replace(loop, controller=replace(loop.controller, kind="state-space", settings=own))
+    found = parity.check(iv.datasets.twin(), loop)
+    assert found.before == pytest.approx(1.0, abs=1e-6) and found.after < 1e-9
+    assert found.taken and found.loop.controller.kind == "cascade-pd"
+    assert "controller-mismatch" in iv.diagnose(iv.datasets.twin(), loop).effects
 
 
 def test_the_law_of_a_long_record_is_read_from_a_part_and_judged_on_all_of_it(loop, monkeypatch):

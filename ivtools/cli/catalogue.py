@@ -33,7 +33,7 @@ def _content(term: Term) -> dict[str, Any]:
     """Return an effect as plain objects."""
     parameters = {
         name: {"unit": p.unit_for("prismatic"), "lower": p.lower, "upper": p.upper}
-        for name, p in term.named.items()
+        for name, p in term.by_name.items()
     }
     return {
         "block": term.block,

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_LISTED = 8  # effects of the ranking, in a table
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Displayed):
@@ -319,8 +321,8 @@ class Diagnosis(Displayed):
 
     @property
     def first(self) -> tuple[Ranked, ...]:
-        """The first of the ranking: what is shown of it."""
-        return self.ranking[:8]
+        """The first of the ranking: what tables show."""
+        return self.ranking[:_LISTED]
 
     def p_value(self, ranked: Ranked) -> str:
         """Return a p value of the ranking as it is printed."""

@@ -117,14 +117,25 @@ class Fit:
         free: Sequence[str] | None = None,
         iterations: int = JACOBIANS,
         near: Fit | None = None,
+        narrow: Collection[str] = (),
     ) -> Fit:
-        """Return the model fitted again: on another fold, from other values, or of them fewer free.
+        """Return the model fitted again; what is not given is as it was.
 
-        As `gauss_newton`; what is not given is as it was.
+        Parameters
+        ----------
+        fold : Fold, optional
+            Another one.
+        values : mapping, optional
+            Starting values of some of the parameters; the others start where they are.
+        free : sequence of str, optional
+            Names of those that are fitted.
+        iterations, near, narrow
+            As for `gauss_newton`.
         """
-        start = {**self.values, **(values or {})}
+        fold = self.fold if fold is None else fold
         free = self.free if free is None else free
-        return gauss_newton(fold or self.fold, self.loop, start, free, iterations, near)
+        start = {**self.values, **(values or {})}
+        return gauss_newton(fold, self.loop, start, free, iterations, near, narrow)
 
     @cached_property
     def inverse(self) -> Inverse:
@@ -178,11 +189,11 @@ def of_effect(values: Mapping[str, float], effect: str) -> dict[str, float]:
 
 
 def steps(fold: Fold, loop: ClosedLoop, narrow: Collection[str] = ()) -> dict[str, float]:
-    """Return the finite-difference step of every parameter of a loop, that of some narrow."""
+    """Return the finite-difference step of every parameter, narrower of those in `narrow`."""
     out, scales = {}, fold.scales
     for term in loop.terms:
-        shape = {p.name: loop.start.get(n, p.neutral) for n, p in term.named.items()}
-        for i, (name, p) in enumerate(term.named.items()):
+        shape = {p.name: loop.start.get(n, p.neutral) for n, p in term.by_name.items()}
+        for i, (name, p) in enumerate(term.by_name.items()):
             size = scales.natural(term, i, shape)
             if not p.linear:
                 size = abs(shape[p.name]) or size
@@ -287,11 +298,11 @@ def gauss_newton(
     Fit
     """
     values, free = heavy_enough(fold, loop, dict(values)), tuple(free)
-    step = steps(fold, loop, narrow)
     simulation = fold.simulate(loop, values)
     e = fold.judged(loop, simulation)
     if not simulation.finite:  # nothing to descend on: its cost says so
         return Fit(fold, loop, values, free, e, np.zeros((len(e), len(free))))
+    step = steps(fold, loop, narrow)
     J = jacobian(fold, loop, values, free, step, simulation, e, near)
     for _ in range(iterations):
         move = _move(fold, loop, values, free, J, e, np.array([step[n] for n in free]))

@@ -130,7 +130,7 @@ class Fold:
     keep : ndarray of bool, (n_samples,)
         Samples that count.
     scales : Scales
-        What parameters are measured in on the record.
+        What parameters are measured in; of a stretch they are those of the whole record.
     response : Response
         Of the command to a force: gives sensitivities without simulation.
     whitener : ndarray, (order + 1,)

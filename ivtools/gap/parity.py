@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from ..errors import IVToolsError
+from ..limits import LARGEST
 from ..linalg import block_covariance
 from ..loop import ClosedLoop, Controller
 from ..loop.controllers import Seen
@@ -351,17 +352,24 @@ class Signals:
     def fed(self, controller: Controller) -> Array:
         """Return the command of the law fed with the measured position, settled at first, (n,)."""
         law, seen = controller.law(self.dt), self.seen(controller)
-        return law.command(seen.inputs, law.settled(seen.inputs[0]))
+        with np.errstate(over="ignore", invalid="ignore"):
+            return _finite(law.command(seen.inputs, law.settled(seen.inputs[0])))
 
     def law(self, controller: Controller, delay: int) -> Array:
         """Return the same from where the record began, late by whole samples, unlimited, (n,)."""
         law, seen = controller.law(self.dt), self.seen(controller)
-        return seen.expected(law, delay, self.limit, self.least)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return _finite(seen.expected(law, delay, self.limit, self.least))
 
     def error(self, controller: Controller, delay: int, added: float) -> Array:
         """Return recorded minus expected command, (n,)."""
         expected = np.clip(self.law(controller, delay), -controller.limit, controller.limit)
         return self.command - expected - (1.0 + added) * self.added
+
+
+def _finite(command: Array) -> Array:
+    """Return the command of a law, (n,); of an unstable one that overflows nothing."""
+    return command if (np.abs(command) < LARGEST).all() else np.zeros_like(command)
 
 
 def _limit(

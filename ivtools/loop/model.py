@@ -28,7 +28,7 @@ class Model:
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """Every parameter by its full name."""
-        return {n: p for t in self.terms for n, p in t.named.items()}
+        return {n: p for t in self.terms for n, p in t.by_name.items()}
 
     @property
     def names(self) -> tuple[str, ...]:

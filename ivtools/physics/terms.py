@@ -175,14 +175,14 @@ class Term:
         return tuple(prefix + p.name for p in self.parameters)
 
     @cached_property
-    def named(self) -> dict[str, Parameter]:
+    def by_name(self) -> dict[str, Parameter]:
         """Each parameter by its full name."""
         return dict(zip(self.names, self.parameters, strict=True))
 
     @cached_property
     def linear(self) -> tuple[str, ...]:
         """Full names of the parameters that the force is linear in."""
-        return tuple(n for n, p in self.named.items() if p.linear)
+        return tuple(n for n, p in self.by_name.items() if p.linear)
 
     @property
     def second_mass(self) -> bool:
@@ -192,8 +192,8 @@ class Term:
     @cached_property
     def phases(self) -> tuple[str, ...]:
         """Full names of what has the phase of a line over position; none if it is no line."""
-        named = self.named.items()
-        return tuple(n for n, p in named if self.search == "lines" and p.name in PHASES)
+        pairs = self.by_name.items()
+        return tuple(n for n, p in pairs if self.search == "lines" and p.name in PHASES)
 
     @cached_property
     def period(self) -> str:

@@ -52,7 +52,7 @@ def described(loop: ClosedLoop, theta: Mapping[str, float]) -> dict[str, Any]:
 def _described(term: Term, values: Mapping[str, float], joint: str) -> dict[str, Any]:
     parameters = {
         p.name: {"value": values[n] if np.isfinite(values[n]) else None, "unit": p.unit_for(joint)}
-        for n, p in term.named.items()
+        for n, p in term.by_name.items()
     }
     return {
         "name": term.name,

@@ -80,15 +80,12 @@ def deeper(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> tuple[
 
     def one(side: Side, own: Fit, other: Fit) -> Fit:
         """Return that of one fold."""
-        from_other = {**own.values, **{n: other.values[n] for n in term.names}}
-        loose = [n for n, p in term.named.items() if p.nuisance]
+        others = {n: other.values[n] for n in term.names}
+        loose = [n for n, p in term.by_name.items() if p.nuisance]
         free = [*dict.fromkeys([*own.free, *loose])]
-        both = (
-            gauss_newton(side.fold, own.loop, start, free, VALLEY_STEPS)
-            for start in (own.values, from_other)
-        )
+        both = (own.refit(side.fold, start, free, VALLEY_STEPS) for start in (own.values, others))
         best = min(both, key=lambda f: f.cost)
-        return gauss_newton(side.fold, own.loop, best.values, free, VALLEY_STEPS, narrow=term.names)
+        return best.refit(free=free, iterations=VALLEY_STEPS, narrow=term.names)
 
     return tuple(threaded(one, sides, fits, fits[::-1])) if term.search == "valleys" else fits
 
@@ -183,7 +180,7 @@ def _extended(side: Side, fit: Fit, term: Term, begin: list[Point]) -> Fit:
 
 def _absent(term: Term) -> dict[str, float]:
     """Return what makes an effect vanish, its shape as it is."""
-    return {name: term.named[name].neutral for name in term.linear}
+    return {name: term.by_name[name].neutral for name in term.linear}
 
 
 def _free(term: Term, values: Mapping[str, float]) -> list[str]:

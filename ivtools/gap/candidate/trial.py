@@ -126,7 +126,7 @@ class Trial:
         at_bound = (
             fit.values[name] == bound
             for fit in self.fits
-            for name, p in self.term.named.items()
+            for name, p in self.term.by_name.items()
             for bound in (p.lower, p.upper)
             if bound not in (0.0, 1.0) and not p.nuisance
         )
@@ -138,8 +138,8 @@ class Trial:
 
         A spring looks like a contact that is soft, in a gap of any width that is small.
         """
-        named = self.term.named.items()
-        gaps = [n for n, p in named if self.term.second_mass and p.scale == "stroke"]
+        pairs = self.term.by_name.items()
+        gaps = [n for n, p in pairs if self.term.second_mass and p.scale == "stroke"]
         sizes = ([fit.values[n] for fit in self.fits] for n in gaps)
         return all(max(s) <= AGREES * min(s) for s in sizes)
 
@@ -153,12 +153,12 @@ class Trial:
         """
         found = [fit.fold.scales.sizes for fit in self.fits]
         sizes = {k: max(size[k] for size in found) for k in found[0]}
-        named = self.term.named.items()
+        pairs = self.term.by_name.items()
         small = any if self.term.search != "either" else all
 
         def beyond(fit: Fit) -> bool:
             """Whether that holds of one fold."""
-            sized = [(fit.values[n] / sizes[p.scale], p) for n, p in named]
+            sized = [(fit.values[n] / sizes[p.scale], p) for n, p in pairs]
             return any(v > p.most for v, p in sized) or small(v < p.least for v, p in sized)
 
         return any(map(beyond, self.fits))

@@ -23,6 +23,7 @@ from ..fit import Fit
 from ..fold import Fold
 from ..response import features, memories, mixed, waves
 from ..rules import (
+    ASTRAY,
     EVENT_TIME,
     FEW_EVENTS,
     FREE,
@@ -201,11 +202,11 @@ def _project(columns: Array, fit: Fit, raw: Array, keep: Mask) -> Array:
 
 
 def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask) -> Array:
-    """Do the same by generalised least squares, on the typical samples only.
+    """Do as `_project` by generalised least squares, on the typical samples only.
 
     What hardly acts there, as a friction at reversals where each of them is an event, stays: fitted
     to the little that shows of it, it would be anything where it acts. How little is too little
-    shows elsewhere, where the law must not leave ten times what there was.
+    shows elsewhere, where a law that goes astray leaves far more than there was.
     """
     full = np.zeros((len(raw), fit.J.shape[1]))
     full[fit.fold.keep] = fit.J
@@ -218,10 +219,11 @@ def _refit(columns: Array, fit: Fit, raw: Array, whitener: Array, typical: Mask)
     share, within = np.linalg.eigh(B.T @ B)  # of their energy
     sizes = within.T @ (B.T @ b)
     elsewhere, rest = fit.fold.keep & ~typical, raw
+    most = ASTRAY * np.linalg.norm(raw[elsewhere])
     for least in SHOWN:
         shown = share > least
         rest = raw - basis @ (alone @ (within[:, shown] @ (sizes[shown] / share[shown])))
-        if np.sum(rest[elsewhere] ** 2) <= 100.0 * np.sum(raw[elsewhere] ** 2):
+        if np.linalg.norm(rest[elsewhere]) <= most:
             break
     return np.asarray(rest)
 

@@ -218,7 +218,7 @@ def _made(fit: Fit, base: Fit) -> dict[str, Array]:
     names, forces = [], []
     for term in laws:
         shape = of_effect(fit.values, term.name)
-        for i, (name, p) in enumerate(term.named.items()):
+        for i, (name, p) in enumerate(term.by_name.items()):
             if p.linear:
                 names.append(name)
                 forces.append(unit_force(term, i, shape, run))

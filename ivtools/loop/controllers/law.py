@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 
 INPUTS = ("q_ref", "dq_ref", "feed", "q", "dq")
 _AT_LIMIT = 1.0 - 1e-6  # of the limit, from which a command counts as clipped
-_SILENT = 1e-2  # of what a start does by itself: where less is seen of it, it is as if settled
-_NONE = 1e-10  # of the largest singular value: what states together do not do to the command
+_SILENT = 1e-2  # of what a start does by itself: where less is seen, it does the least it can
+_NONE = 1e-10  # of the largest singular value: states that together do nothing to the command
 KNOWN, MEASURED = slice(0, 3), slice(3, 5)  # of the inputs: before a simulation, and in it
 
 
@@ -161,6 +161,8 @@ class LinearLaw:
             return start
         given, frozen = self._march(inputs, start, side, limit)
         free = np.column_stack([self._free(e, frozen, side) for e in np.eye(len(start))])
+        if not (np.isfinite(free).all() and np.isfinite(given).all()):  # an unstable law
+            return start
         rows = np.ones(len(command), dtype=bool)
         if side is not None and (side == 0.0).any():
             rows = side == 0.0
