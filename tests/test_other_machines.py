@@ -204,7 +204,6 @@ def test_a_law_without_the_deflection_is_not_taken_for_a_fault_of_the_axis():
     assert not set(found.effects) - {"flexibility", "controller-mismatch"}
 
 
-@pytest.mark.slow
 def test_the_frequency_and_the_mass_of_the_link_are_found():
     """The owners' J11, J12 and Ks1 make 4.68 Hz between two free masses, 0.728 of it the link.
 

@@ -368,7 +368,7 @@ class Signals:
 
 
 def _finite(command: Array) -> Array:
-    """Return the command of a law, (n,); of an unstable one that overflows nothing."""
+    """Return the command of a law, (n,); zeros, of an unstable one that overflows."""
     return command if (np.abs(command) < LARGEST).all() else np.zeros_like(command)
 
 

@@ -306,7 +306,7 @@ DEPENDENT = 1e-10
 SAME_LAW = 1e-12
 #: A smooth law is fitted to typical samples if they show this share of its energy at least: the
 #: first of these, or else the last, with which it leaves no more than so many times the error that
-#: there was elsewhere (training: a joint beside one that rattles, 1e-5 to 0.01 do the same; of 48
+#: there was elsewhere (training: a joint beside one that rattles, 1e-5 to 0.01 do the same; of 52
 #: healthy axes with slow noise one had a fortieth of its noise as its floor, for a law of which
 #: 1e-4 showed had left 60 times the error; beside effects of the library up to 9 times are left).
 SHOWN, ASTRAY = (1e-5, 1e-4, 1e-3, 1e-2, 0.1), 10.0

@@ -124,8 +124,10 @@ def over_time(diagnosis: Diagnosis, name: str, caption: str) -> Chart:
         for what, x in (("position", q), ("velocity", dq))
         for factor, unit in [scaled(x, units[what])]
     ]
-    shown = (
-        Panel(quantity, readable(units[quantity]), forces),
+    shown = (  # a simulation may begin with a jump, beside which nothing would be seen
+        Panel(
+            quantity, readable(units[quantity]), forces, inner_limits(*(s.values for s in forces))
+        ),
         Panel(
             f"{quantity} error", readable(units[quantity]), pair(lambda e: e), inner_limits(keep)
         ),

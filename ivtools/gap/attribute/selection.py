@@ -220,10 +220,12 @@ class _Selection:
         If `asked`, that the effect stands is evidence as well: two that leave nothing come first.
         What a further sensor in the law has measured is no guess.
         """
+        if best.name == last.sensed:
+            return False
         rivals = last.rivals(self.rules, cost(best.held))
         others = [t for t in last.trials if t not in (best, *rivals)]
         found = (weigh if asked else evidence)(best, others, self.base)
-        return best.name != last.sensed and probability(found) < LIKELY
+        return probability(found) < LIKELY
 
 
 def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -> Attribution:
