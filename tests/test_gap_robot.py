@@ -113,8 +113,7 @@ def shaken(measured):
     swing = signal.lfilter(*signal.iirpeak(9.0, 5.0, fs=1000.0), shocks)
     felt = fold.link.on(fold.record) + np.outer(0.1 * swing / np.std(swing), [1.0, 0.0])
     fold = replace(fold, link=replace(fold.link, t=fold.record.t, felt=felt))
-    base = replace(measured.base, fold=fold)
-    return replace(measured, base=base, side=replace(measured.side, fold=fold))
+    return replace(measured, base=replace(measured.base, fold=fold))
 
 
 def test_the_other_joints_say_what_the_links_are():

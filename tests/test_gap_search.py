@@ -95,12 +95,13 @@ def test_an_effect_that_was_fitted_to_some_samples_is_frozen_on_all():
     base = iv.axes.emps()
     records = tuple(moves.record(base, base.values(BASE), 8.0, s) for s in (3, 13))
     measured = (measure(prepared(r, parity.check(r, base), records)) for r in records)
-    sides, fits = folds(tuple(measured))
-    few = [s.fold.only(np.arange(s.fold.record.n_samples) % 2 == 0, "half") for s in sides]
+    fits = folds(tuple(measured))
+    whole = [f.fold for f in fits]
+    few = [f.only(np.arange(f.record.n_samples) % 2 == 0, "half") for f in whole]
     parts = tuple(f.refit(h) for h, f in zip(few, fits, strict=True))
-    held = frozen(sides, parts)
-    assert [len(h.e) for h in held] == [s.fold.n_kept for s in sides]
-    assert [h.J.shape[0] for h in held] == [s.fold.n_kept for s in sides]
+    held = frozen(parts, whole)
+    assert [len(h.e) for h in held] == [f.n_kept for f in whole]
+    assert [h.J.shape[0] for h in held] == [f.n_kept for f in whole]
 
 
 def test_a_diagnosis_may_look_for_second_masses_only():
@@ -155,6 +156,9 @@ def test_what_replicates_passes_where_it_is_worth_a_name():
 class Model:
     """A fit without an effect, where both records have been everywhere."""
 
+    def __init__(self, scales):
+        self.fold = SimpleNamespace(scales=scales)
+
     @property
     def common(self):
         """The same."""
@@ -163,7 +167,7 @@ class Model:
 
 def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatch):
     """It goes on where the best of its first generation is, if only by a tenth."""
-    calls, side = {}, SimpleNamespace(fold=SimpleNamespace(scales=scales), places={})
+    calls, model = {}, Model(scales)
     for best in (0.9, 1.0):
 
         def cost(point, best=best):
@@ -171,14 +175,13 @@ def test_a_search_ends_where_nothing_is_better_than_no_effect(scales, monkeypatc
             return 1.0 if point is None else best + abs(np.log(point["gap"] / 1e-4))
 
         monkeypatch.setattr(starts, "_cost", lambda *_, cost=cost: cost)
-        starts._deepest((side, side), (Model(), None), EFFECTS["backlash"], 2.0)
+        starts._deepest((model, model), EFFECTS["backlash"], 2.0, None)
     assert 2 * 256 < calls[1.0] < 0.8 * calls[0.9]
 
 
 def test_a_search_ends_in_a_valley_that_is_known(scales, monkeypatch):
     """Unless the effect does nothing there any more."""
     calls, known = [], {"gap": 1e-4}
-    side = SimpleNamespace(fold=SimpleNamespace(scales=scales), places={"backlash": known})
     for left, searched in ((0.5, False), (1.0, True)):
 
         def cost(point, left=left):
@@ -187,21 +190,21 @@ def test_a_search_ends_in_a_valley_that_is_known(scales, monkeypatch):
 
         monkeypatch.setattr(starts, "_cost", lambda *_, cost=cost: cost)
         calls.clear()
-        found = starts._deepest((side, side), (Model(), None), EFFECTS["backlash"], 2.0)
+        found = starts._deepest((Model(scales),) * 2, EFFECTS["backlash"], 2.0, known)
         assert (len(calls) > 4) == searched
         assert (found == [known]) != searched
 
 
 def test_a_valley_that_is_not_there_is_not_searched_for_again(scales, monkeypatch):
     """Unless so much is left that the search is denser, or beside another model."""
-    calls, side = [], SimpleNamespace(fold=SimpleNamespace(scales=scales), places={})
+    calls = []
     monkeypatch.setattr(starts, "_cost", lambda *_: lambda point: calls.append(point) or 1.0)
-    one, other = Model(), Model()
+    one, other = Model(scales), Model(scales)
     for model, left, searched in (
         (one, 2.0, True), (one, 2.0, False), (one, 9.0, True), (one, 9.0, False), (other, 2.0, True)
     ):  # fmt: skip
         calls.clear()
-        starts._deepest((side, side), (model, None), EFFECTS["backlash"], left)
+        starts._deepest((model, model), EFFECTS["backlash"], left, None)
         assert bool(calls) == searched
 
 
@@ -351,18 +354,18 @@ def test_in_a_valley_the_search_goes_on_with_what_it_had_chosen_of_a_few_values(
     loop, theta = axis("backlash", **true, load_offset=0.0, damping=0.2)
     records, plain = [moves.record(loop, theta, 16.0, s) for s in (1, 11)], iv.axes.emps()
     ready = (prepared(r, parity.check(r, plain), records) for r in records)
-    sides, base = folds(tuple(map(measure, ready)))
+    base = folds(tuple(map(measure, ready)))
     term = EFFECTS["backlash"]
     begun = []
-    for side, rigid in zip(sides, base, strict=True):
+    for rigid in base:
         values = loop.values({**rigid.values, **theta, "backlash.load_offset": 1.0})
-        begun.append(gauss_newton(side.fold, loop, values, rigid.free))
-    ended = deeper(sides, tuple(begun), term)
+        begun.append(gauss_newton(rigid.fold, loop, values, rigid.free))
+    ended = deeper(tuple(begun), term)
     for before, after in zip(begun, ended, strict=True):
         assert after.cost < 0.9 * before.cost
         assert after.values["backlash.load_offset"] < 0.5
     smooth = EFFECTS["stribeck"]
-    assert deeper(sides, base, smooth) is base
+    assert deeper(base, smooth) is base
 
 
 def test_a_further_name_does_not_stand_for_a_descent_that_ended_early():
@@ -392,11 +395,11 @@ def test_what_is_left_out_once_more(names, left, kept, monkeypatch):
         return (SimpleNamespace(cost=cost, loop=SimpleNamespace(terms=terms)),) * 2
 
     monkeypatch.setattr(selection, "_lost", lambda fit, name: 100.0)
-    monkeypatch.setattr(selection, "_without", lambda sides, fits, name: model(left))
-    monkeypatch.setattr(selection, "frozen", lambda sides, fits: fits)
+    monkeypatch.setattr(selection, "_without", lambda fits, name: model(left))
+    monkeypatch.setattr(selection, "frozen", lambda fits: fits)
     whole = model(1.0, names)
     won = [SimpleNamespace(name=n, removed=0.5) for n in names]
-    found, *_ = selection._backward((), model(2.0), whole, whole, won)
+    found, *_ = selection._backward(model(2.0), whole, whole, won)
     assert tuple(found) == kept
 
 
@@ -451,7 +454,7 @@ def test_only_what_depends_on_the_position_is_judged_where_both_have_been(effect
     ]
     base = iv.axes.emps()
     measured = tuple(measure(prepared(r, parity.check(r, base), records)) for r in records)
-    found = attribute(*folds(measured), Rules())
+    found = attribute(folds(measured), Rules())
     assert found.named == (effect,)
     assert EFFECTS[effect].local == local
     kept = [fit.fold.n_kept / m.fold.n_kept for fit, m in zip(found.held, measured, strict=True)]
@@ -640,10 +643,10 @@ def test_a_name_without_what_stands_out_is_asked_on_all_samples(monkeypatch):
         for seed in (1, 2)
     ]
     start = begin(Asked(pair[0], iv.axes.emps(), pair[1]))
-    found = attribute(*start.calm_folds, start.rules)
+    found = attribute(start.calm_folds, start.rules)
     assert start.eventful and found.named == ("asymmetric-viscous",)
     monkeypatch.setattr(kept, "outmatched", lambda *args: True)
-    assert selection.upheld(*start.folds, found).named in ((), found.named)
+    assert selection.upheld(start.folds, found).named in ((), found.named)
 
 
 @pytest.mark.parametrize(

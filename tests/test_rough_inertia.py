@@ -137,10 +137,8 @@ def test_a_compensation_of_gravity_is_no_wrong_sign(size):
 
 
 def test_it_is_found_once_per_model_and_record(monkeypatch):
-    calls, whole = [], module.shown_inertia
-    monkeypatch.setattr(
-        module, "shown_inertia", lambda *given: calls.append(given) or whole(*given)
-    )
+    calls, whole = [], module._found
+    monkeypatch.setattr(module, "_found", lambda *given: calls.append(given) or whole(*given))
     a = axis(0)
     problem = Problem(a.record, a.loop)
     assert problem.start["inertia"] > 0.0 and len(calls) == 1

@@ -145,12 +145,18 @@ class Fold:
     smooth : float
         Whitened energy that smooth laws of the state leave beside the base model. Noise that is
         larger here than there leaves more than 1, and no law explains that.
+    rough : float
+        Share of the record that no smooth law of the state explains.
     both : ndarray of bool, (n_samples,), optional
         Samples where, and when, the fold that it is compared with has been as well, if not all.
     against : ndarray, (n_samples,), optional
         A force against the motion that no term of a loop makes, N or N m.
     oversampling : int
         Samples of the controller from one sample of the record to the next.
+    simulated : dict
+        Change of the force error, N or N m, (n_samples,), by effect and starting point: what the
+        screening has simulated once and need not again. Each fold has its own, also one made by
+        `replace`: the change is that at its own base parameters, and two threads fill two folds.
     """
 
     record: Record
@@ -163,9 +169,11 @@ class Fold:
     ramp: bool = False
     link: Link | None = None
     smooth: float = 1.0
+    rough: float = 0.0
     both: Mask | None = None
     against: Array | None = None
     oversampling: int = 1
+    simulated: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False)
 
     @property
     def movable(self) -> bool:
@@ -432,31 +440,3 @@ def near(mask: Mask, width: int) -> Mask:
     if not mask.any():
         return mask
     return np.convolve(mask, np.ones(2 * width + 1), mode="same") > 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class Side:
-    """One fold with what the attribution needs of it.
-
-    Parameters
-    ----------
-    fold : Fold
-    rough : float
-        Share of the record that no smooth law of the state explains.
-    simulated : dict
-        Change of the force error, N or N m, (n_samples,), by effect and starting point: what the
-        screening has simulated once and need not again. Each side has its own, also one made by
-        `replace`: the change is that at its own base parameters, and two threads fill two sides.
-    places : mapping
-        Where the valley of an effect is known to be, by its name: its parameters by short name.
-    """
-
-    fold: Fold
-    rough: float = 0.0
-    places: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    simulated: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False)
-
-    @property
-    def common(self) -> Side:
-        """It where the other fold has been as well."""
-        return self if self.fold.both is None else replace(self, fold=self.fold.common)

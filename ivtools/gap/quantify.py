@@ -206,7 +206,7 @@ class Traces:
 def declared(loop: ClosedLoop, measured: tuple[Measured, ...]) -> Fit:
     """Fit the loop as it was given, on the record that judges."""
     last = measured[-1]
-    fold = replace(last.side.fold, record=last.logged)
+    fold = replace(last.fold, record=last.logged)
     return gauss_newton(fold, loop, last.base.values, last.base.free)
 
 

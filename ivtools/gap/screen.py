@@ -20,7 +20,7 @@ from ..loop import Simulation
 from ..physics import Term
 from . import spatial_lines
 from .fit import Fit, normal
-from .fold import Fold, Side
+from .fold import Fold
 from .library import Box, Scales, alternatives, scans
 from .rules import ASKED, GLANCE
 
@@ -72,15 +72,13 @@ class _Direction(_Start):
     columns: Array  # (n_kept, m)
 
 
-def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
+def screen(fit: Fit, terms: list[Term]) -> dict[str, Score]:
     """Score every effect against the residual of a fit.
 
     Parameters
     ----------
-    side : Side
-        The fold that is judged.
     fit : Fit
-        The model without these effects, on that fold.
+        The model without these effects, on the fold that is judged.
     terms : list of Term
         What is tried.
 
@@ -92,7 +90,7 @@ def screen(side: Side, fit: Fit, terms: list[Term]) -> dict[str, Score]:
     fold, now, e = fit.fold, fit.simulation, fit.beyond_base()
     lines = spatial_lines.search(fold, e, now, terms)
     tried = [
-        _direction(side, fit, now, term, shape)
+        _direction(fit, now, term, shape)
         for term in terms
         for shape in _shapes(term, fold.scales, now, lines)
     ]
@@ -150,7 +148,7 @@ def _shapes(
 
 
 def _direction(
-    side: Side, fit: Fit, now: Simulation, term: Term, shape: dict[str, float]
+    fit: Fit, now: Simulation, term: Term, shape: dict[str, float]
 ) -> _Push | _Direction | None:
     """Return the force of an effect, or the change that it makes; None if the loop diverges."""
     if term.law is not None and term.search != "valleys":
@@ -164,15 +162,15 @@ def _direction(
         q, dt = now.q[:, 0], fit.fold.record.dt
         forces = term.as_force(q, dt, fit.values["inertia"], *own)
         return _Push(term, shape, names, forces)
-    key = (term.name, *shape.items())
-    if key not in side.simulated:
+    key, fold = (term.name, *shape.items()), fit.fold
+    if key not in fold.simulated:
         loop = fit.loop.with_effect(term, **shape)
-        then = side.fold.simulate(loop, loop.values(fit.values))
-        side.simulated[key] = side.fold.gap(loop, then) - side.fold.gap(fit.loop, now)
-    change = side.simulated[key]
+        then = fold.simulate(loop, loop.values(fit.values))
+        fold.simulated[key] = fold.gap(loop, then) - fold.gap(fit.loop, now)
+    change = fold.simulated[key]
     if not np.isfinite(change[-1]):
         return None
-    return _Direction(term, shape, (), side.fold.white(change)[:, None])
+    return _Direction(term, shape, (), fold.white(change)[:, None])
 
 
 def unit_force(term: Term, index: int, shape: dict[str, float], simulation: Simulation) -> Array:

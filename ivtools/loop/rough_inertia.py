@@ -160,7 +160,7 @@ def rough_inertia(loop: ClosedLoop, record: Record) -> float:
 
     The terms of the model alone decide, unless a force over the position would change their
     answer; where a motion cannot tell the inertia from such a force (a sine and a spring), the
-    size of force and acceleration is all there is. It is found once per model and record.
+    size of force and acceleration is all there is.
 
     Raises
     ------
@@ -173,15 +173,6 @@ def rough_inertia(loop: ClosedLoop, record: Record) -> float:
     >>> 80.0 < rough_inertia(iv.axes.emps(), iv.datasets.twin()) < 110.0
     True
     """
-    found = _FOUND.setdefault(record, {})
-    model = (tuple((t.name, t.law) for t in loop.terms), tuple(sorted(loop.start.items())))
-    key = (loop.gain, loop.delay, loop.joint, *model)
-    if key not in found:
-        found[key] = _found(loop, record)
-    return found[key]
-
-
-def _found(loop: ClosedLoop, record: Record) -> float:
     plain, free = shown_inertia(loop, record)
     if free.negative:
         raise AxisError(
@@ -199,16 +190,24 @@ def shown_inertia(loop: ClosedLoop, record: Record) -> tuple[Shown, Shown]:
     Noise hides the acceleration behind a wide low-pass, a narrow one leaves nothing of it: the
     cut-off at which force and acceleration are alike most is taken. (Not the one with the least
     standard error: noise that the controller answers shows an inertia as well, a false one, and
-    many samples make it certain.)
+    many samples make it certain.) It is found once per model and record.
 
     Returns
     -------
     plain, free : Shown
         With the terms of the model, and with any force over the position beside them.
     """
-    record = record.liveliest()
+    found = _FOUND.setdefault(record, {})
+    model = (tuple((t.name, t.law) for t in loop.terms), tuple(sorted(loop.start.items())))
+    key = (loop.gain, loop.delay, loop.joint, *model)
+    if key not in found:
+        found[key] = _found(loop, record.liveliest())
+    return found[key]
+
+
+def _found(loop: ClosedLoop, record: Record) -> tuple[Shown, Shown]:
     length = record.n_samples * record.dt
-    cutoff, plain, free = _WIDEST * record.sampling_hz, Shown(), Shown()
+    cutoff, plain, free = _WIDEST * record.sampling_hz, _Regression(), _Regression()
     while cutoff * length > _PERIODS:
         try:
             rows = _rows(cutoff, loop, record)
@@ -218,30 +217,46 @@ def shown_inertia(loop: ClosedLoop, record: Record) -> tuple[Shown, Shown]:
         plain = max(plain, _regressed(rows[:, :count]), key=_clarity)
         free = max(free, _regressed(rows), key=_clarity)
         cutoff /= _STEP
-    return plain, free
+    return plain.shown, free.shown
 
 
-def _clarity(shown: Shown) -> float:
-    return abs(shown.correlation)
+def _clarity(regression: _Regression) -> float:
+    return abs(regression.correlation)
 
 
 def _over_position(loop: ClosedLoop) -> int:
     return position_columns(np.zeros(1), loop.joint).shape[1]
 
 
-def _regressed(rows: Array) -> Shown:
-    """Return the inertia that force, acceleration and other columns show, (N, 2 + p)."""
+class _Regression(NamedTuple):
+    """Acceleration and force (N,), without what other columns explain of both, if they show any."""
+
+    acceleration: Array | None = None
+    force: Array | None = None
+    correlation: float = 0.0
+
+    @property
+    def shown(self) -> Shown:
+        """The inertia, with its standard error."""
+        x, y = self.acceleration, self.force
+        if x is None or y is None:
+            return Shown()
+        inertia = float(x @ y / (x @ x))
+        variance = covariance(x[:, None], y - inertia * x, debiased=True)[0, 0]
+        return Shown(inertia, float(np.sqrt(variance)), self.correlation)
+
+
+def _regressed(rows: Array) -> _Regression:
+    """Return what force, acceleration and other columns show, (N, 2 + p)."""
     size = np.linalg.norm(rows, axis=0)
     if len(rows) < _FEWEST + rows.shape[1] or not size[:2].all():
-        return Shown()
+        return _Regression()
     U = _basis(rows[:, 2:])
     y, x = _beside(U, rows[:, :2]).T
     if not np.linalg.norm(x) > _NOTHING * size[1]:
-        return Shown()
-    inertia = float(x @ y / (x @ x))
-    variance = covariance(x[:, None], y - inertia * x, debiased=True)[0, 0]
+        return _Regression()
     length = np.linalg.norm(x) * max(float(np.linalg.norm(y)), _NOTHING * size[0])
-    return Shown(inertia, float(np.sqrt(variance)), float(x @ y / length))
+    return _Regression(x, y, float(x @ y / length))
 
 
 def _rows(cutoff_hz: float, loop: ClosedLoop, record: Record) -> Array:
@@ -271,4 +286,4 @@ def _by_size(loop: ClosedLoop, record: Record) -> float:
     return float(np.std(force) / np.std(ddq))
 
 
-_FOUND: WeakKeyDictionary[Record, dict[Any, float]] = WeakKeyDictionary()
+_FOUND: WeakKeyDictionary[Record, dict[Any, tuple[Shown, Shown]]] = WeakKeyDictionary()

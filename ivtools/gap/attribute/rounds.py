@@ -17,7 +17,7 @@ from ...physics import EFFECTS, Term
 from ...workers import threaded
 from ..candidate import Trial, attempt
 from ..fit import Fit, of_effect
-from ..fold import Fold, Side
+from ..fold import Fold
 from ..rules import (
     ADEQUATE,
     ALL_CLOSED,
@@ -40,6 +40,9 @@ from ..screen import Score, screen
 from .evidence import cost
 
 Array = NDArray[np.float64]
+
+#: Parameters by short name, by the name of an effect.
+Places = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,32 +147,32 @@ def _equal(trial: Trial, best: Trial, margin: float) -> bool:
 
 
 def play(
-    sides: tuple[Side, ...],
     base: tuple[Fit, ...],
     rounds: Sequence[Round],
     terms: list[Term],
     rules: Rules,
+    places: Places,
 ) -> Round:
     """Look for one more effect.
 
     Parameters
     ----------
-    sides : tuple of Side
-        Two folds.
     base : tuple of Fit
-        The model without any effect, fitted on each.
+        The model without any effect, fitted on two folds.
     rounds : sequence of Round
         The rounds before, each with a best effect.
     terms : list of Term
         What is tried.
     rules : Rules
+    places : mapping
+        Where valleys of effects are known to be.
     """
     last = rounds[-1].best if rounds else None
     fits, held = (last.fits, last.held) if last else (base, base)
-    found = _screened(sides, fits, terms)
+    found = _screened(fits, terms)
     removed = {n: size for r in rounds for n, size in r.removed.items()}
-    sensed = next(iter(BEHIND)) if all(s.fold.scales.second_body for s in sides) else ""
-    tried = _Tries(sides, fits, held, found, rules, removed, sensed).all()
+    sensed = next(iter(BEHIND)) if all(f.fold.scales.second_body for f in base) else ""
+    tried = _Tries(fits, held, found, rules, removed, sensed, places).all()
     trials = tuple(t for t in tried.values() if t is not None)
     vain = {n: (1.0 - VALLEY_DEPTH) * cost(held) for n, t in tried.items() if t is None}
     similar = set().union(*(r.similar() for r in rounds))
@@ -184,8 +187,8 @@ def play(
     near = (1.0 - rules.equivalence_open) * _largest(new, rules)
     qualified = tuple(t for t in new if 0.0 < near <= t.gain and t.passes(rules))
     scores = tuple(
-        _scores(side.fold, f, [(t.before[i], t.held[i]) for t in trials])
-        for i, (side, f) in enumerate(zip(sides, found, strict=True))
+        _scores(fit.fold, f, [(t.before[i], t.held[i]) for t in trials])
+        for i, (fit, f) in enumerate(zip(fits, found, strict=True))
     )
     margin = rules.equivalence_open
     return Round(_gains(found), trials, scores, qualified, sensed, margin, vain)
@@ -197,15 +200,13 @@ def _largest(trials: Sequence[Trial], rules: Rules) -> float:
     return next((t.gain for t in by_gain if t.passes(rules)), 0.0)
 
 
-def _screened(
-    sides: tuple[Side, ...], fits: tuple[Fit, ...], terms: list[Term]
-) -> tuple[dict[str, Score], ...]:
-    """Return the score of every effect on either side."""
-    return tuple(threaded(lambda s, f: screen(s, f, terms), sides, fits))
+def _screened(fits: tuple[Fit, ...], terms: list[Term]) -> tuple[dict[str, Score], ...]:
+    """Return the score of every effect on either fold."""
+    return tuple(threaded(lambda f: screen(f, terms), fits))
 
 
 def _gains(found: tuple[dict[str, Score], ...]) -> dict[str, float]:
-    """Return the gain of each effect in the screening, mean of the sides, largest first."""
+    """Return the gain of each effect in the screening, mean of the folds, largest first."""
     names = [n for n in found[0] if n in found[1]]
     mean = {n: float(np.mean([f[n].gain for f in found])) for n in names}
     return dict(sorted(mean.items(), key=lambda item: -item[1]))
@@ -217,7 +218,6 @@ class _Tries:
 
     Parameters
     ----------
-    sides : tuple of Side
     fits, held : tuple of Fit
         The model of the round before, fitted to each fold, and as the other one has it.
     found : tuple of dict
@@ -227,19 +227,21 @@ class _Tries:
         What effects removed in earlier rounds.
     sensed : str
         The effect that a further sensor in the law speaks for.
+    places : mapping
+        Where valleys of effects are known to be.
     made : dict
         What was fitted so far; None of what has no place to begin.
     best : float
         The largest gain of what passes so far; what is too little for a name counts as well.
     """
 
-    sides: tuple[Side, ...]
     fits: tuple[Fit, ...]
     held: tuple[Fit, ...]
     found: tuple[dict[str, Score], ...]
     rules: Rules
     removed: Mapping[str, float]
     sensed: str
+    places: Places
     made: dict[str, Trial | None] = field(default_factory=dict, init=False)
     best: float = field(default=0.0, init=False)
 
@@ -269,9 +271,14 @@ class _Tries:
 
     def fit(self, names: Sequence[str]) -> None:
         """Fit some effects."""
-        tasks, left = [[f[n] for f in self.found] for n in names], self.left
-        made = threaded(lambda s: attempt(self.sides, self.fits, self.held, s, left), tasks)
-        self.made.update(zip(names, made, strict=True))
+        left = self.left
+
+        def tried(name: str) -> Trial | None:
+            """Return the trial of one of them."""
+            scores = [f[name] for f in self.found]
+            return attempt(self.fits, self.held, scores, left, self.places.get(name))
+
+        self.made.update(zip(names, threaded(tried, names), strict=True))
         self.best = _largest(self.fitted, replace(self.rules, worth=0.0))
 
     def all(self) -> dict[str, Trial | None]:
@@ -289,7 +296,7 @@ class _Tries:
             # first order does not see what takes the place of dry friction, where that is bent
             bent = (n for n, t in self.terms.items() if t.law is None and t.search == "scan")
             self.fit(self.hopeful(bent))
-        rough = max(s.rough for s in self.sides) > ROUGH
+        rough = max(f.fold.rough for f in self.fits) > ROUGH
         if rough and self.left > ADEQUATE and not self.closed(ALL_CLOSED):
             valleys = (n for n, t in self.terms.items() if t.search == "valleys")
             self.fit(self.hopeful(valleys))

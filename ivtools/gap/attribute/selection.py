@@ -19,7 +19,6 @@ from ...workers import threaded
 from ..candidate import Trial, deeper, frozen
 from ..discrepancy import Laws
 from ..fit import Fit, common, gauss_newton, normal
-from ..fold import Side
 from ..library import library
 from ..rules import (
     CLEAN,
@@ -34,15 +33,15 @@ from ..rules import (
 from .attribution import Attribution, Supposed
 from .evidence import cost, evidence, left_by_smooth_laws, probability, weigh
 from .kept import names_kept
-from .rounds import Round, play
+from .rounds import Places, Round, play
 
 
 def attribute(
-    sides: tuple[Side, ...],
     base: tuple[Fit, ...],
     rules: Rules,
     extra: tuple[Term, ...] = (),
     without: tuple[str, ...] = (),
+    places: Places | None = None,
 ) -> Attribution:
     """Name the effects by forward selection and backward elimination.
 
@@ -52,22 +51,21 @@ def attribute(
 
     Parameters
     ----------
-    sides : tuple of Side
-        Two folds.
     base : tuple of Fit
-        The model as it is, fitted on each.
+        The model as it is, fitted on two folds.
     rules : Rules
     extra : tuple of Term
         Effects of the user's own.
     without : tuple of str
         Effects left out of the library.
+    places : mapping, optional
+        Where valleys of effects are known to be: a search that begins in one ends there.
     """
-    selection = _Selection(sides, base, rules, extra, without)
+    selection = _Selection(base, rules, extra, without, places or {})
     rounds, groups, local = selection.forward()
     if local:
         known = {name: at for r in rounds for name, at in r.valleys.items()}
-        sides = tuple(replace(s.common, places={**s.places, **known}) for s in sides)
-        return attribute(sides, common(base), rules, extra, without)
+        return attribute(common(base), rules, extra, without, {**selection.places, **known})
     ends = [group[-1] for group in groups]
     models = [common(fits) for fits in (base, *(t.held for t in ends))] if ends else []
     left = bool(ends) and _unexplained(base, ends[-1].held)  # to describe
@@ -78,11 +76,11 @@ def attribute(
     won = [t for group in groups[:most] for t in group]
     names = [t.name for t in won]
     surpassed = frozenset(t.name for group in groups[unsurpassed:most] for t in group)
-    kept, fits, held = _backward(sides, base, fits, held, won)
+    kept, fits, held = _backward(base, fits, held, won)
     found = Attribution(base, fits, held, tuple(kept), rules, rounds, laws, surpassed, certain)
     found = selection.beside_others(found)
     ended = {tuple(names[: names.index(t.name) + 1]): t for t in ends[:most]}
-    found = _withdrawn(sides, found, ended)
+    found = _withdrawn(found, ended)
     first = rounds[0].best if rounds else None
     if found.named or first is None or first.removed < MOST * (cost(base) - 1.0):
         return found
@@ -93,11 +91,11 @@ def attribute(
 class _Selection:
     """The rounds of a selection; parameters as for `attribute`."""
 
-    sides: tuple[Side, ...]
     base: tuple[Fit, ...]
     rules: Rules
     extra: tuple[Term, ...]
     without: tuple[str, ...]
+    places: Places
 
     def play(self, earlier: Sequence[Round], only: Collection[str] = ()) -> Round:
         """Return the round that comes after some others, of all effects or these."""
@@ -105,7 +103,7 @@ class _Selection:
         loop = last.fits[0].loop if last else self.base[0].loop
         terms = library(loop, self.extra, self.without)
         chosen = [t for t in terms if t.name in only or not only]
-        return play(self.sides, self.base, earlier, chosen, self.rules)
+        return play(self.base, earlier, chosen, self.rules, self.places)
 
     def forward(self) -> tuple[tuple[Round, ...], list[tuple[Trial, ...]], bool]:
         """Look for one effect after the other.
@@ -201,8 +199,8 @@ class _Selection:
         anew = []
         for name in result.doubtful:
             other = next(t for n, (_, t) in result.winners.items() if n != name)
-            fewer = _without(self.sides, result.fits, name)
-            held = frozen(self.sides, fewer)
+            fewer = _without(result.fits, name)
+            held = frozen(fewer)
             others = replace(other, fits=fewer, held=held, before=result.base)
             rivals = (t.name for t in result.rivals(result.winners[name][0]))
             last = self.play([result.rounds[0].ending(others)], [name, *rivals])
@@ -228,7 +226,7 @@ class _Selection:
         return probability(found) < LIKELY
 
 
-def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -> Attribution:
+def upheld(base: tuple[Fit, ...], found: Attribution) -> Attribution:
     """Return what was named on part of the records, if it also tells something on all of them.
 
     A force without a name must not do better there: of what stands out an effect may show the
@@ -236,16 +234,15 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
 
     Parameters
     ----------
-    sides : tuple of Side
-        Two folds, with the stretches that stand out.
     base : tuple of Fit
-        The model without effects, fitted on each.
+        The model without effects, on two folds with the stretches that stand out.
     found : Attribution
         On the folds without those stretches.
     """
     if not found.named or found.certain & {*found.named}:
         return found
-    models = [common(fits) for fits in (base, frozen(sides, found.fits))]
+    held = frozen(found.fits, [f.fold for f in base])
+    models = [common(fits) for fits in (base, held)]
     laws = Laws.of(models[0])
     before, held = models
     whole = tuple(replace(t, before=before, held=held) for _, t in found.winners.values())
@@ -254,9 +251,7 @@ def upheld(sides: tuple[Side, ...], base: tuple[Fit, ...], found: Attribution) -
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 
 
-def _withdrawn(
-    sides: tuple[Side, ...], result: Attribution, known: Mapping[tuple[str, ...], Trial]
-) -> Attribution:
+def _withdrawn(result: Attribution, known: Mapping[tuple[str, ...], Trial]) -> Attribution:
     """Take back the names that what is left in the end makes doubtful.
 
     A model with those that stay is fitted anew, unless it is `known`, by its names in their order:
@@ -272,13 +267,12 @@ def _withdrawn(
         fits, held = trial.fits, trial.held
     else:
         for name in doubtful:
-            fits = _without(sides, fits, name)
-        held = frozen(sides, fits)
+            fits = _without(fits, name)
+        held = frozen(fits)
     return replace(result, fits=fits, held=held, named=named, full=result.held)
 
 
 def _backward(
-    sides: tuple[Side, ...],
     base: tuple[Fit, ...],
     fits: tuple[Fit, ...],
     held: tuple[Fit, ...],
@@ -298,8 +292,8 @@ def _backward(
         sure = min(_lost(f, name) for f in fits) > SURELY_NEEDED * least
         if sure and not valleys & {*found[:k]}:
             continue
-        fewer = _without(sides, fits, name)
-        judged = frozen(sides, fewer)
+        fewer = _without(fits, name)
+        judged = frozen(fewer)
         if np.mean([j.cost - h.cost for j, h in zip(judged, held, strict=True)]) < least:
             named, fits, held = [n for n in named if n != name], fewer, judged
     return named, fits, held
@@ -324,13 +318,13 @@ def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:
     return cost(held) >= min(CLEAN, MORE * left_by_smooth_laws(base))
 
 
-def _without(sides: tuple[Side, ...], fits: tuple[Fit, ...], name: str) -> tuple[Fit, ...]:
+def _without(fits: tuple[Fit, ...], name: str) -> tuple[Fit, ...]:
     """Return the model without one of its effects, fitted to each fold from where it was.
 
     In the valley of another one it goes on.
     """
 
-    def one(side: Side, fit: Fit) -> Fit:
+    def one(fit: Fit) -> Fit:
         """Return that of one fold."""
         terms = tuple(t for t in fit.loop.terms if t.name != name)
         known = {n for t in terms for n in t.names}
@@ -338,9 +332,9 @@ def _without(sides: tuple[Side, ...], fits: tuple[Fit, ...], name: str) -> tuple
         loop: ClosedLoop = replace(fit.loop, terms=terms, start=start)
         values = {n: v for n, v in fit.values.items() if n in known}
         free = [n for n in fit.free if n in known]
-        return gauss_newton(side.fold, loop, values, free)
+        return gauss_newton(fit.fold, loop, values, free)
 
-    found = tuple(threaded(one, sides, fits))
+    found = tuple(threaded(one, fits))
     for term in found[0].loop.terms:
-        found = deeper(sides, found, term)
+        found = deeper(found, term)
     return found

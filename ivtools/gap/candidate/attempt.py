@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from ...loop import ClosedLoop
 from ...physics import Term
 from ...workers import threaded
 from ..fit import Fit, common, gauss_newton, jacobian, steps
-from ..fold import Side
+from ..fold import Fold
 from ..rules import GOES_ON, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
 from ..screen import Score
 from .starts import Point, beginning, starts
@@ -21,11 +21,11 @@ Made = dict[tuple[Fit, Fit | None], Fit]
 
 
 def attempt(
-    sides: tuple[Side, ...],
     fits: tuple[Fit, ...],
     before: tuple[Fit, ...],
     scores: list[Score],
     left: float,
+    place: Mapping[str, float] | None = None,
 ) -> Trial | None:
     """Fit an effect on each fold, and judge it on the other; None if there is nothing to fit.
 
@@ -33,42 +33,42 @@ def attempt(
 
     Parameters
     ----------
-    sides : tuple of Side
     fits, before : tuple of Fit
         The model without it, fitted to each fold, and with the effects that the other one found.
     scores : list of Score
         Its screening on each.
     left : float
         Whitened energy that everything else leaves: how hard to look for it.
+    place : mapping, optional
+        Where its valley is known to be: its parameters by short name.
     """
     term = scores[0].term
     if term.local:
-        sides = tuple(s.common for s in sides)
         fits, before = common(fits), common(before)
-    begin = starts(sides, fits, scores, left)
+    begin = starts(fits, scores, left, place)
     if not all(begin):
         return None
-    new = tuple(threaded(lambda s, f, b: _extended(s, f, term, b), sides, fits, begin))
+    new = tuple(threaded(lambda f, b: _extended(f, term, b), fits, begin))
     if any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True)):
-        new = deeper(sides, new, term)
+        new = deeper(new, term)
     made: Made = {}
-    held = frozen(sides, new, made)
-    for _ in sides:  # what one has of the other may in turn be better than what that has itself
+    held = frozen(new, made=made)
+    for _ in new:  # what one has of the other may in turn be better than what that has itself
         if not any(h.cost < n.cost for n, h in zip(new, held, strict=True)):
             break
-        new = tuple(threaded(_onwards, sides, new, held))  # stuck: the other knows better
-        held = frozen(sides, new, made)
+        new = tuple(threaded(_onwards, new, held))  # stuck: the other knows better
+        held = frozen(new, made=made)
     return Trial(term, new, held, before)
 
 
-def _onwards(side: Side, own: Fit, held: Fit) -> Fit:
+def _onwards(own: Fit, held: Fit) -> Fit:
     """Return a fit, or the one that goes on from the other fold's effect where that is better."""
     if own.cost <= held.cost:
         return own
-    return own.refit(side.fold, held.values)
+    return own.refit(values=held.values)
 
 
-def deeper(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
+def deeper(fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
     """Return fits that go on in the valley of an effect, where either fold may have come deeper.
 
     The better of one that goes on, and one that starts with the other fold's effect; those of an
@@ -78,55 +78,62 @@ def deeper(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> tuple[
     take narrow ones.
     """
 
-    def one(side: Side, own: Fit, other: Fit) -> Fit:
+    def one(own: Fit, other: Fit) -> Fit:
         """Return that of one fold."""
         others = {n: other.values[n] for n in term.names}
         loose = [n for n, p in term.by_name.items() if p.nuisance]
         free = [*dict.fromkeys([*own.free, *loose])]
-        both = (own.refit(side.fold, start, free, VALLEY_STEPS) for start in (own.values, others))
+        both = (own.refit(None, start, free, VALLEY_STEPS) for start in (own.values, others))
         best = min(both, key=lambda f: f.cost)
         return best.refit(free=free, iterations=VALLEY_STEPS, narrow=term.names)
 
-    return tuple(threaded(one, sides, fits, fits[::-1])) if term.search == "valleys" else fits
+    return tuple(threaded(one, fits, fits[::-1])) if term.search == "valleys" else fits
 
 
 def frozen(
-    sides: tuple[Side, ...], fits: tuple[Fit, ...], made: Made | None = None
+    fits: tuple[Fit, ...], folds: Sequence[Fold] = (), made: Made | None = None
 ) -> tuple[Fit, ...]:
     """Tune the base parameters on each fold, with the effects that the other fold found.
 
-    What is `made` already of the same fits on these folds is not made again; new ones are added.
+    Parameters
+    ----------
+    fits : tuple of Fit
+        With the effects, on each fold.
+    folds : sequence of Fold, optional
+        What is judged, if not just these.
+    made : dict, optional
+        What of these fits is made already is not made again; new ones are added.
     """
     made = {} if made is None else made
 
-    def one(side: Side, fit: Fit, own: Fit) -> Fit:
+    def one(fold: Fold, fit: Fit, own: Fit) -> Fit:
         """Return that of one fold."""
         key = fit, own if phases(fit.loop) else None
         if key not in made:
-            made[key] = retuned(side, fit, own)
+            made[key] = retuned(fold, fit, own)
         return made[key]
 
-    return tuple(threaded(one, sides, fits[::-1], fits))
+    return tuple(threaded(one, folds or [f.fold for f in fits], fits[::-1], fits))
 
 
-def retuned(side: Side, fit: Fit, own: Fit) -> Fit:
+def retuned(fold: Fold, fit: Fit, own: Fit) -> Fit:
     """Tune the base parameters on a fold, with the effects of a fit that another one found.
 
     Parameters
     ----------
-    side : Side
+    fold : Fold
     fit : Fit
         With the effects.
     own : Fit
         This fold's own: phases are taken from it, and the first Jacobian.
     """
     turned = phases(fit.loop)
-    base = side.fold.scales.loop.parameters  # as declared, its own effects with it
+    base = fold.scales.loop.parameters  # as declared, its own effects with it
     free = [n for n in fit.free if n in base or n in turned]
     own_phases = {n: own.values[n] for n in turned if n in own.values}
     smooth = not any(t.search == "valleys" for t in fit.loop.terms)
-    near = own if smooth and own.fold is side.fold else None
-    return gone_on(fit.refit(side.fold, own_phases, free, RETUNED, near))
+    near = own if smooth and own.fold is fold else None
+    return gone_on(fit.refit(fold, own_phases, free, RETUNED, near))
 
 
 def gone_on(held: Fit) -> Fit:
@@ -158,7 +165,7 @@ def phases(loop: ClosedLoop) -> set[str]:
     return {name for t in loop.terms for name in t.phases}
 
 
-def _extended(side: Side, fit: Fit, term: Term, begin: list[Point]) -> Fit:
+def _extended(fit: Fit, term: Term, begin: list[Point]) -> Fit:
     """Fit the model with one more effect, from its best starting values."""
     near = None if term.search == "valleys" else fit  # two masses answer as one does to nothing
     found: list[Fit] = []
@@ -167,13 +174,13 @@ def _extended(side: Side, fit: Fit, term: Term, begin: list[Point]) -> Fit:
         base = beginning(fit, term, values)
         loop = fit.loop.with_effect(term, **values)
         free = [*fit.free, *_free(term, values)]
-        new = gauss_newton(side.fold, loop, loop.values(base), free, near=near)
+        new = gauss_newton(fit.fold, loop, loop.values(base), free, near=near)
         if new.cost > fit.cost:  # the base parameters must give way first: begin without it
             plain = {**loop.values(fit.values), **_absent(term)}
             if plain in plains:  # starts that differ in sizes only
                 continue
             plains.append(plain)
-            new = gauss_newton(side.fold, loop, plain, free, near=near)
+            new = gauss_newton(fit.fold, loop, plain, free, near=near)
         found.append(new)
     return min(found, key=lambda f: f.cost)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy.stats import qmc
 from ...physics import Term
 from ...workers import threaded
 from ..fit import Fit, heavy_enough
-from ..fold import Fold, Side, settling
+from ..fold import Fold, settling
 from ..library import Box, alternatives
 from ..rules import (
     ADEQUATE,
@@ -45,27 +45,28 @@ _NOTHING: WeakKeyDictionary[Fit, dict[str, float]] = WeakKeyDictionary()
 
 
 def starts(
-    sides: tuple[Side, ...], fits: tuple[Fit, ...], scores: list[Score], left: float
+    fits: tuple[Fit, ...], scores: list[Score], left: float, place: Mapping[str, float] | None
 ) -> tuple[list[Point], ...]:
     """Return, per fold, the values from which an effect is fitted, by short name; or none.
 
     Parameters
     ----------
-    sides : tuple of Side
     fits : tuple of Fit
         The model without the effect, on each fold.
     scores : list of Score
         Its screening on each.
     left : float
         Whitened energy that everything else leaves.
+    place : mapping, optional
+        Where its valley is known to be.
     """
     term = scores[0].term
     if term.search == "valleys" and term.law is None:
-        return (_deepest(sides, fits, term, left),) * len(sides)
+        return (_deepest(fits, term, left, place),) * len(fits)
     if term.search == "valleys":
-        return (_delivered(sides, fits, term),) * len(sides)
+        return (_delivered(fits, term),) * len(fits)
     if term.search == "either":
-        return tuple(alternatives(term, s.fold.scales) for s in sides)
+        return tuple(alternatives(term, f.fold.scales) for f in fits)
     return tuple(s.starts for s in scores)
 
 
@@ -87,7 +88,7 @@ def beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, fl
 
 
 def _deepest(
-    sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term, left: float
+    fits: tuple[Fit, ...], term: Term, left: float, place: Mapping[str, float] | None
 ) -> list[Point]:
     """Return the point with the least error on both folds together, by differential evolution.
 
@@ -103,13 +104,13 @@ def _deepest(
     before = _NOTHING.get(fits[0], {}).get(term.name)
     if before is not None and (left <= LARGE or before > LARGE):
         return []
-    costs = [_cost(s.fold, f, term) for s, f in zip(sides, fits, strict=True)]
+    costs = [_cost(f, term) for f in fits]
     rigid = [c(None) for c in costs]
     costs = [costs[k] for k in np.argsort(rigid)[::-1]]  # the one that shows most first
-    plain, known = sum(rigid), dict(sides[0].places.get(term.name, {}))
-    if known and sum(c(known) for c in costs) < HOPELESS * plain:
-        return [known]
-    scales = sides[0].fold.scales
+    plain = sum(rigid)
+    if place and sum(c({**place}) for c in costs) < HOPELESS * plain:
+        return [{**place}]
+    scales = fits[0].fold.scales
     boxes: list[tuple[Box, dict[bytes, float]]] = [(b, {}) for b in Box.of(term, scales)]
     found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), seen) for b, seen in boxes]
     least = min(found, key=_cheapest)[0]
@@ -193,7 +194,7 @@ def _key(x: Array) -> bytes:
     return x.round(9).tobytes()
 
 
-def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> list[Point]:
+def _delivered(fits: tuple[Fit, ...], term: Term) -> list[Point]:
     """Return the point with which the inverse model explains the motion of both folds best.
 
     What a drive delivers moves the axis as any force does, however far the loop has strayed from
@@ -213,15 +214,16 @@ def _delivered(sides: tuple[Side, ...], fits: tuple[Fit, ...], term: Term) -> li
         found = minimize(cost, begin, method="Nelder-Mead", bounds=[(0.0, 1.0)] * box.dimensions)
         return float(found.fun), box.point(found.x)
 
-    return [min(map(best, Box.of(term, sides[0].fold.scales)), key=_cheapest)[1]]
+    return [min(map(best, Box.of(term, fits[0].fold.scales)), key=_cheapest)[1]]
 
 
-def _cost(fold: Fold, fit: Fit, term: Term) -> Callable[[Point | None], float]:
+def _cost(fit: Fit, term: Term) -> Callable[[Point | None], float]:
     """Return the cost of a point on the worst stretch of a fold, the base tuned to first order.
 
     That of no point is what there is without the effect; a link that would have no inertia left in
     some pose costs infinitely much.
     """
+    fold = fit.fold
     rows, settled = _worst(fold, fit.e)
     part = fold.stretch(rows.start, rows.stop)
     part = part.only(np.arange(rows.start, rows.stop) >= settled, fold.label)

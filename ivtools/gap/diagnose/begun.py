@@ -30,7 +30,7 @@ from ..floor import (
     measure,
     prepared,
 )
-from ..fold import Link, Side
+from ..fold import Link
 from ..parity import Parity
 from ..preflight import Finding
 from ..rules import AUDIBLE, PARITY_POOR, SATURATED, TOLERANCE, Rules
@@ -58,7 +58,6 @@ class Inspected(NamedTuple):
 
 
 Progress = Callable[[str], None]
-Folds = tuple[tuple[Side, ...], tuple[Fit, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +126,8 @@ class Begun:
         return any(m.floor.isolated for m in self.measured)
 
     @cached_property
-    def folds(self) -> Folds:
-        """What is judged, and the base model on each fold."""
+    def folds(self) -> tuple[Fit, ...]:
+        """The base model on two folds."""
         return floor.folds(self.measured)
 
     @cached_property
@@ -137,14 +136,14 @@ class Begun:
         return tuple(masked(m) for m in self.measured)
 
     @cached_property
-    def calm_folds(self) -> Folds:
-        """The folds of those."""
+    def calm_folds(self) -> tuple[Fit, ...]:
+        """The same of those."""
         return floor.folds(self.calm) if self.eventful else self.folds
 
     @property
     def left(self) -> float:
         """Whitened energy that the base model leaves where both records have been, their mean."""
-        return cost(common(self.calm_folds[1]))
+        return cost(common(self.calm_folds))
 
 
 @one_blas_thread()
@@ -209,7 +208,6 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     if len(records) == 2:
         a, b = measured
         measured = beside_silent(a, b, least), beside_silent(b, a, least)
-    measured = tuple(replace(m, side=replace(m.side, places=task.places)) for m in measured)
     third = None if task.judge is None else every[-1]
     return Begun(task, loop, measured, third, rules, [*found, *law], inspected)
 

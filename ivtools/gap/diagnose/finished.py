@@ -113,7 +113,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
 
 def _left(begun: Begun, result: Attribution, fold: Fold) -> Discrepancy | None:
     """Return the force that repeats in what is left; it is judged where both records have been."""
-    both = begun.folds[0][-1].fold.both
+    both = begun.folds[-1].fold.both
 
     def judged(force: Array) -> tuple[float, float]:
         """Return the force error without and with such a force."""

@@ -45,18 +45,17 @@ def named(begun: Begun) -> Named:
 
     Not where what qualifies with them falls to a force without a name: they are no such force.
     """
-    measured, (sides, base), asked = begun.measured, begun.folds, begun.task
-    more = (begun.rules, tuple(asked.extra), tuple(asked.without))
-    result = attribute(sides, base, *more)
+    measured, base, asked = begun.measured, begun.folds, begun.task
+    more = (begun.rules, tuple(asked.extra), tuple(asked.without), asked.places)
+    result = attribute(base, *more)
     if not result.named and (alone := _alone(begun, result)) is not None:
         return alone
     fell = any(r.qualified for r in result.rounds) and not result.full
     if begun.eventful and not (result.named or fell):
-        measured, whole = begun.calm, (sides, base)
-        sides, base = begun.calm_folds
-        again = upheld(*whole, attribute(sides, base, *more))
+        measured, whole, base = begun.calm, base, begun.calm_folds
+        again = upheld(whole, attribute(base, *more))
         result = replace(again, supposed=again.supposed or result.supposed)
-    return Named(begun, (measured if len(measured) == 2 else sides)[-1].fold, result)
+    return Named(begun, (measured if len(measured) == 2 else base)[-1].fold, result)
 
 
 class _Way(NamedTuple):
@@ -115,9 +114,9 @@ def _alone(begun: Begun, both: Attribution) -> Named | None:
     for k in sorted(range(2), key=lambda k: -pair[k].base.cost):
         own = replace(pair[k], floor=replace(pair[k].floor, between=None))  # the effect differs
         for way in _ways(begun, both, k):
-            sides, base = folds((own,))
+            base = folds((own,))
             without = (*task.without, *way.without)
-            result = attribute(sides, base, begun.rules, tuple(task.extra), without)
+            result = attribute(base, begun.rules, tuple(task.extra), without, task.places)
             effects = (*way.known, *result.named)
             if not effects or (way.hidden and not _hidden(pair[1 - k], result)):
                 continue
@@ -126,7 +125,7 @@ def _alone(begun: Begun, both: Attribution) -> Named | None:
             single = replace(task, record=own.fold.record, holdout=None)
             found = [*begun.found, Finding(said, fatal=False)]
             alone = replace(begun, task=single, measured=(own,), found=found)
-            return Named(alone, sides[-1].fold, result)
+            return Named(alone, base[-1].fold, result)
     return None
 
 
@@ -141,7 +140,7 @@ def _hidden(other: Measured, result: Attribution) -> bool:
     Of a line over position with the phase that suits it best; all are as large as there.
     """
     there = result.fits[0]
-    here = retuned(other.side, there, other.base)
+    here = retuned(other.fold, there, other.base)
     drifts = [n for t in here.loop.terms if t.of_time for n in t.names]
     values = {**here.values, **{n: there.values[n] for n in drifts}}
     for names in (t.phases for t in here.loop.terms if t.phases):

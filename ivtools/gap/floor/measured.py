@@ -15,7 +15,7 @@ from ...loop.rough_inertia import rough_inertia
 from ...record import Record
 from .. import preflight, response
 from ..fit import Fit, Inverse, gauss_newton
-from ..fold import Fold, Link, Side, stepped, usable
+from ..fold import Fold, Link, stepped, usable
 from ..library import Scales
 from ..parity import Parity
 from ..rules import ADEQUATE, AGAIN, BEYOND, COMMON, MOST, PARITY_POOR, STRETCHES
@@ -31,7 +31,6 @@ class Measured:
 
     Parameters
     ----------
-    side : Side
     base : Fit
         The model without effects.
     floor : Floor
@@ -42,7 +41,6 @@ class Measured:
         Whether the recorded command drives the model, and no controller of it counts.
     """
 
-    side: Side
     base: Fit
     floor: Floor
     parity: Parity
@@ -52,7 +50,7 @@ class Measured:
     @property
     def fold(self) -> Fold:
         """What is compared of the record."""
-        return self.side.fold
+        return self.base.fold
 
     @property
     def force(self) -> float:
@@ -148,12 +146,11 @@ def measure(ready: Ready) -> Measured:
     fold, link = fit.fold, ready.link
     unknown = None if link is None or link.doubt is None else link.doubt.on(fold.record)
     level = floor.measure(fit, left, unknown)
-    fold = replace(fold, whitener=level.whitener, link=link)
+    rough = float(np.mean(level.event_mask))
+    fold = replace(fold, whitener=level.whitener, link=link, rough=rough)
     if fold.doubt is None:  # else what is not known counts as noise
         fold = replace(fold, smooth=level.generic)
-    fit = fit.refit(fold)
-    side = Side(fold, float(np.mean(level.event_mask)))
-    return Measured(side, fit, level, ready.parity, ready.record, ready.driven)
+    return Measured(fit.refit(fold), level, ready.parity, ready.record, ready.driven)
 
 
 def audible(m: Measured, least: float) -> Measured:
@@ -196,9 +193,8 @@ def masked(m: Measured) -> Measured:
     """Return a record without the stretches that stand out: of what is left, none does."""
     if not m.floor.isolated:
         return m
-    fold = m.fold.only(~m.floor.event_mask, m.fold.label)
-    fit = m.base.refit(fold, iterations=AGAIN)
-    return replace(m, side=replace(m.side, fold=fold, rough=0.0), base=fit)
+    fold = replace(m.fold.only(~m.floor.event_mask, m.fold.label), rough=0.0)
+    return replace(m, base=m.base.refit(fold, iterations=AGAIN))
 
 
 def beside(m: Measured, other: Measured) -> Measured:
@@ -206,8 +202,7 @@ def beside(m: Measured, other: Measured) -> Measured:
     inside = _seen(m, other)
     if not COMMON < float(np.mean(inside[m.fold.keep])) < 1.0:
         return m
-    fold = replace(m.fold, both=inside)
-    return replace(m, side=replace(m.side, fold=fold), base=replace(m.base, fold=fold))
+    return replace(m, base=replace(m.base, fold=replace(m.fold, both=inside)))
 
 
 def _seen(m: Measured, other: Measured) -> NDArray[np.bool_]:
@@ -220,22 +215,15 @@ def _seen(m: Measured, other: Measured) -> NDArray[np.bool_]:
     return inside
 
 
-def folds(measured: tuple[Measured, ...]) -> tuple[tuple[Side, ...], tuple[Fit, ...]]:
-    """Return two folds: two records, or alternating stretches of one."""
+def folds(measured: tuple[Measured, ...]) -> tuple[Fit, ...]:
+    """Return the base model on two folds: two records, or alternating stretches of one."""
     if len(measured) == 2:
         one, two = measured
-        both = (beside(one, two), beside(two, one))
-        return tuple(m.side for m in both), tuple(m.base for m in both)
+        return beside(one, two).base, beside(two, one).base
     (only,) = measured
-    fold = only.side.fold
-    first = _first_half(fold.record)
-    sides, fits = [], []
-    for label, half_keep in (("part 1", first), ("part 2", ~first)):
-        half = fold.only(half_keep, label)
-        side = replace(only.side, fold=half)
-        sides.append(side)
-        fits.append(only.base.refit(half, iterations=AGAIN))
-    return tuple(sides), tuple(fits)
+    first = _first_half(only.fold.record)
+    halves = only.fold.only(first, "part 1"), only.fold.only(~first, "part 2")
+    return tuple(only.base.refit(half, iterations=AGAIN) for half in halves)
 
 
 def _first_half(record: Record) -> NDArray[np.bool_]:
