@@ -138,12 +138,17 @@ def test_names_that_fall_are_said_with_what_they_do(after, word):
 
 
 def test_a_force_that_has_a_suspect_is_not_said_to_come_from_outside():
+    """Whether or not it is described: the ranking shows how far the suspect closes."""
     fit = SimpleNamespace(cost=5.0)
     fit.common = fit
     shrink = Shrink("N", 1.0, 1.0, 1.0, (0.9, 1.1), 0.2, False, 1.0, (0.9, 1.1), 20.0, {})
-    assert "something outside may make it" in remainder((fit, fit), shrink).text
-    said = remainder((fit, fit), shrink, Supposed("presliding", {}, 0.8)).text
-    assert said.startswith("presliding by itself removes 80 %") and "outside" not in said
+    found = SimpleNamespace(held=(fit, fit), supposed=None)
+    assert "something outside may make it" in remainder(found, shrink, described=False).text
+    assert remainder(found, shrink, described=True) is None
+    found.supposed = Supposed("presliding", {}, 0.8)
+    for described in (False, True):
+        said = remainder(found, shrink, described).text
+        assert said.startswith("presliding by itself removes 80 %") and "outside" not in said
 
 
 def test_a_judge_takes_part_in_nothing():

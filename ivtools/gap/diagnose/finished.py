@@ -71,8 +71,8 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     likely |= {n: probability(proof) for n, proof in result.evidence.items()}
     changed = {} if bent else verdict.changes(result, task.tolerance)
     word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
-    nameless = word == "unexplained" and tell and left is None
-    remark = verdict.remainder(result.held, shrink, result.supposed) if nameless else None
+    nameless = word == "unexplained" and tell
+    remark = verdict.remainder(result, shrink, left is not None) if nameless else None
     return Diagnosis(
         verdict=word,
         effects=effects,

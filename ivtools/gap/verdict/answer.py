@@ -10,7 +10,7 @@ from itertools import cycle
 import numpy as np
 
 from ...units import percent, plural, quantity
-from ..attribute import Attribution, Supposed, cost
+from ..attribute import Attribution, cost
 from ..fit import Fit, common
 from ..floor import Measured, come_again
 from ..preflight import Finding
@@ -255,23 +255,25 @@ def may_swing(effects: Sequence[str]) -> Finding:
     return Finding(f"{text}: nothing is named", fatal=False)
 
 
-def remainder(
-    held: Sequence[Fit], shrink: Shrink, supposed: Supposed | None = None
-) -> Finding | None:
-    """Return what to say of a gap that no law describes; None if it is hardly above the floor.
+def remainder(result: Attribution, shrink: Shrink, described: bool) -> Finding | None:
+    """Return what to say of a gap that no name explains; None if that is hardly above the floor.
+
+    An effect that removes most of it and has no name is told also where what is left is described:
+    the ranking shows how far it closes.
 
     Parameters
     ----------
-    held : sequence of Fit
-        The model with all that is named, on each fold.
+    result : Attribution
     shrink : Shrink
-    supposed : Supposed, optional
-        An effect that removes most of it, and has no name.
+    described : bool
+        Whether a force that repeats describes it.
     """
-    if supposed is not None:
+    if (supposed := result.supposed) is not None:
         removed = f"{supposed.effect} by itself removes {percent(supposed.gain)} of the error's "
         why = "energy on held-out data; too little else speaks for it to be named"
         return Finding(removed + why, fatal=False)
-    if cost(common(held)) - 1.0 < MOST * (cost(held) - 1.0):
+    if described:
+        return None
+    if cost(common(result.held)) - 1.0 < MOST * (cost(result.held) - 1.0):
         return ELSEWHERE
     return OUTSIDE if shrink.after > OVER_FLOOR * shrink.floor else None
