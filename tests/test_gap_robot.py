@@ -330,7 +330,7 @@ def test_a_link_is_looked_for_no_lighter_than_what_a_pose_takes_of_it():
     assert lightest == pytest.approx(0.4)
     assert replace(one, link=None).least_link == 0.0
     rigid = gauss_newton(one, part.loop, part.loop.start, part.loop.names, 1)
-    cost = starts._cost(one, rigid, EFFECTS["flexibility"])
+    cost = starts._cost(rigid, EFFECTS["flexibility"])
     shape = {"frequency_hz": 20.0, "damping": 0.03, "load_friction": 0.0}
     costs = [cost({**shape, "load_share": lightest * share}) for share in (0.99, 1.01)]
     assert costs[0] == np.inf and np.isfinite(costs[1])
