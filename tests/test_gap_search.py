@@ -104,6 +104,21 @@ def test_an_effect_that_was_fitted_to_some_samples_is_frozen_on_all():
     assert [h.J.shape[0] for h in held] == [f.n_kept for f in whole]
 
 
+def test_a_wave_is_frozen_beside_one_of_another_period():
+    """The first step takes no Jacobian from it: its phases are those of another wave."""
+    loop, theta = axis("cogging", cosine=4.0, sine=0.0, period=0.012)
+    records, plain = [moves.record(loop, theta, 12.0, s) for s in (1, 11)], iv.axes.emps()
+    ready = (prepared(r, parity.check(r, plain), records) for r in records)
+    fits, base = [], folds(tuple(map(measure, ready)))
+    for rigid, period in zip(base, (0.0021, 0.012), strict=True):
+        start = loop.values({**rigid.values, "cogging.cosine": 1.0, "cogging.period": period})
+        free = (*rigid.free, "cogging.cosine", "cogging.sine", "cogging.period")
+        fits.append(gauss_newton(rigid.fold, loop, start, free))
+    right, wrong = frozen(tuple(fits))
+    assert right.cost < 1.1 < 9.0 < fits[0].cost
+    assert fits[1].cost < 1.1 < wrong.cost < 1.01 * base[1].cost
+
+
 def test_a_diagnosis_may_look_for_second_masses_only():
     others = [name for name, term in EFFECTS.items() if not term.second_mass]
     loop, theta = axis("flexibility", frequency_hz=20.0, damping=0.03, load_share=0.3)

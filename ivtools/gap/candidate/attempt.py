@@ -131,8 +131,9 @@ def retuned(fold: Fold, fit: Fit, own: Fit) -> Fit:
     base = fold.scales.loop.parameters  # as declared, its own effects with it
     free = [n for n in fit.free if n in base or n in turned]
     own_phases = {n: own.values[n] for n in turned if n in own.values}
-    smooth = not any(t.search == "valleys" for t in fit.loop.terms)
-    near = own if smooth and own.fold is fold else None
+    # a Jacobian of two masses, or of a wave that may have another period, is none of this model
+    alike = not turned and not any(t.search == "valleys" for t in fit.loop.terms)
+    near = own if alike and own.fold is fold else None
     return gone_on(fit.refit(fold, own_phases, free, RETUNED, near))
 
 
