@@ -13,6 +13,7 @@ from ivtools.gap.page import effects_text
 from ivtools.gap.preflight import plausible
 from ivtools.loop import Controller
 from ivtools.loop.controllers import Seen
+from ivtools.physics import EFFECTS
 from ivtools.units import parse
 
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -255,6 +256,21 @@ def test_a_holdout_in_other_units_is_named(twin, loop, factor, signals, said):
     other = moved(loop, twin, twin.q_ref)
     text = refusal(twin, loop, scaled(other, factor, *signals))
     assert text.startswith("other: ") and said in text
+
+
+@pytest.mark.parametrize(("low", "high", "size"), [(8.0, 16.0, 7e-4), (16.0, 24.0, 4e-4)])
+def test_a_link_that_swings_against_its_drive_is_no_other_axis(twin, loop, low, high, size):
+    """Across its resonance it shows a negative inertia, and above that of the drive alone."""
+    swing = {"frequency_hz": 14.0, "damping": 0.03, "load_share": 0.65, "load_friction": 0.3}
+    soft, t = loop.with_effect(EFFECTS["flexibility"], **swing), twin.t - twin.t[0]
+    slow = 0.08 * np.sin(2.0 * np.pi * 0.31 * t) + 0.03 * np.sin(2.0 * np.pi * 0.83 * t)
+    sweep = np.sin(2.0 * np.pi * t * (low + (high - low) * t / (2.0 * t[-1])))
+    fast = size * sweep * np.minimum(t, 1.0) + 0.04 * np.sin(2.0 * np.pi * 0.2 * t)
+    theta = soft.values(THETA)
+    pair = moved(soft, twin, slow, theta, "slow"), moved(soft, twin, fast, theta, "fast", 2)
+    gap = iv.diagnose(pair[0], loop, pair[1])
+    assert gap.effects == ("flexibility",) and not any(f.fatal for f in gap.findings)
+    assert gap.parameters["flexibility"]["frequency_hz"] == pytest.approx(14.0, rel=0.12)
 
 
 def test_a_holdout_of_another_axis_is_said(twin, loop):

@@ -110,7 +110,22 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Begun:
-    """A diagnosis whose base model is fitted, and nothing named yet."""
+    """A diagnosis whose base model is fitted, and nothing named yet.
+
+    Parameters
+    ----------
+    task : Task
+    loop : ClosedLoop
+    measured : tuple of Measured
+    third : Measured, optional
+        The judge.
+    rules : Rules
+    found : list of Finding
+    inspected : Inspected
+    strangers : tuple of Finding
+        What the records say against being of one axis, unless a second mass explains it: a record
+        that is faster than that one swings shows the inertia of the drive alone.
+    """
 
     task: Task
     loop: ClosedLoop
@@ -119,6 +134,7 @@ class Begun:
     rules: Rules
     found: list[Finding]
     inspected: Inspected
+    strangers: tuple[Finding, ...] = ()
 
     @property
     def eventful(self) -> bool:
@@ -195,12 +211,11 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     except IVToolsError as error:
         return refused(record, loop, checked, [*found, *shown, Finding(str(error)), *law])
     law = [*_shown(given, inspected.checked, [m.parity for m in measured]), *law]
+    strangers: tuple[Finding, ...] = ()
     if len(records) == 2:
-        found += preflight.same_axis([m.base for m in measured])
+        strangers = tuple(preflight.same_axis([m.base for m in measured]))
         level = floor.between(*(m.base for m in measured))
         measured = tuple(replace(m, floor=replace(m.floor, between=level)) for m in measured)
-    if any(f.fatal for f in found):
-        return refused(record, loop, checked, [*found, *law])
     if any(p.clipped > SATURATED for p in checked):  # the gap tells nothing of the axis
         rules = replace(rules, most=0)
     least = AUDIBLE * fine / 100.0
@@ -209,7 +224,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         a, b = measured
         measured = beside_silent(a, b, least), beside_silent(b, a, least)
     third = None if task.judge is None else every[-1]
-    return Begun(task, loop, measured, third, rules, [*found, *law], inspected)
+    return Begun(task, loop, measured, third, rules, [*found, *law], inspected, strangers)
 
 
 def mute(text: str) -> None:

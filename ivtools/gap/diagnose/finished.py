@@ -22,6 +22,7 @@ from ..preflight import Finding
 from ..rules import AT_CONTROLLER, CLEAN, RANKED, REPEATS
 from .begun import Begun, Progress, mute
 from .named import named
+from .refused import refused
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,9 @@ def finish(
     say = progress or mute
     say("screening and fitting the effects")
     begun, fold, result = named(begun)
+    if begun.strangers and not any(t.second_mass for t in result.fits[0].loop.terms):
+        checked, said = tuple(m.parity for m in begun.measured), [*begun.strangers, *begun.found]
+        return refused(begun.task.record, begun.loop, checked, said)
     say("where and how far")
     return _answer(begun, result, fold, swung)
 

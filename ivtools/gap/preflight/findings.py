@@ -277,7 +277,8 @@ def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
             )
         ]
     start = loop.start.get("inertia")
-    if start and shown.clear and not INERTIA_RANGE[0] < inertia / start < INERTIA_RANGE[1]:
+    far = start and inertia > 0.0 and not INERTIA_RANGE[0] < inertia / start < INERTIA_RANGE[1]
+    if far and shown.clear:  # no unit makes it negative: a link that swings against its drive does
         return _astray([record]) or [
             Finding(
                 f"the record suggests an inertia of {inertia:.3g} {unit}, the axis file starts "
