@@ -270,7 +270,7 @@ def test_a_link_that_swings_against_its_drive_is_no_other_axis(twin, loop, low, 
     pair = moved(soft, twin, slow, theta, "slow"), moved(soft, twin, fast, theta, "fast", 2)
     gap = iv.diagnose(pair[0], loop, pair[1])
     assert gap.effects == ("flexibility",) and not any(f.fatal for f in gap.findings)
-    assert gap.parameters["flexibility"]["frequency_hz"] == pytest.approx(14.0, rel=0.12)
+    assert gap.parameters["flexibility"]["frequency_hz"] == pytest.approx(14.0, rel=0.2)
 
 
 def test_a_holdout_of_another_axis_is_said(twin, loop):
