@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import ivtools as iv
 from benchmarks import moves
-from benchmarks.withheld.robots import simulated, split
+from benchmarks.withheld.robots import draw, simulated, split
 from ivtools.cli import run
 from ivtools.errors import AxisError
 from ivtools.gap import fit, response
@@ -371,6 +371,18 @@ def test_a_link_behind_a_gap_is_not_jerked_as_its_drive():
         sim = shoulder.loop.simulate(shoulder.record, shoulder.loop.start)
         errors.append(np.std((sim.tau - shoulder.loop.force(shoulder.record))[500:]))
     assert errors[1] < 0.6 * errors[0]
+
+
+@pytest.mark.slow
+def test_a_link_that_rattles_gives_the_other_joint_no_name():
+    """A joint that is judged beside it, and the other way round, is a rigid one."""
+    case = draw(6, 8540, ("flexibility", "backlash"))
+    (one, _), (two, _) = case.both
+    found = iv.diagnose_robot(one, case.loop, two)
+    assert {name: effect for name, (effect, _) in case.hidden.items()} == {"elbow": "backlash"}
+    assert {name: d.effects for name, d in found.joints.items() if d.effects} == {
+        "elbow": ("backlash",)
+    }
 
 
 def test_an_unknown_joint_is_refused():
