@@ -115,21 +115,24 @@ def over_time(diagnosis: Diagnosis, name: str, caption: str) -> Chart:
         both = (Series("before", signal(before), "before"), Series("after", signal(after), "after"))
         return both if changed else (Series("simulated", signal(before), "model"),)
 
+    factor, unit = scaled(traces.measured, units[quantity])
     forces = (
-        Series("measured", traces.measured, "measured"),
-        *pair(lambda error: traces.measured - error),
+        Series("measured", factor * traces.measured, "measured"),
+        *pair(lambda error: factor * (traces.measured - error)),
     )
+    fine, error_unit = scaled(before[traces.keep], units[quantity])
     motion = [
         Panel(what, readable(unit), (Series(what, factor * x, "measured"),))
         for what, x in (("position", q), ("velocity", dq))
         for factor, unit in [scaled(x, units[what])]
     ]
     shown = (  # a simulation may begin with a jump, beside which nothing would be seen
+        Panel(quantity, readable(unit), forces, inner_limits(*(s.values for s in forces))),
         Panel(
-            quantity, readable(units[quantity]), forces, inner_limits(*(s.values for s in forces))
-        ),
-        Panel(
-            f"{quantity} error", readable(units[quantity]), pair(lambda e: e), inner_limits(keep)
+            f"{quantity} error",
+            readable(error_unit),
+            pair(lambda error: fine * error),
+            inner_limits(fine * keep),
         ),
         *motion,
     )

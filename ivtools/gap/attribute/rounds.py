@@ -169,7 +169,7 @@ def play(
     """
     last = rounds[-1].best if rounds else None
     fits, held = (last.fits, last.held) if last else (base, base)
-    found = _screened(fits, terms)
+    found = tuple(threaded(lambda f: screen(f, terms), fits))
     removed = {n: size for r in rounds for n, size in r.removed.items()}
     sensed = next(iter(BEHIND)) if all(f.fold.scales.second_body for f in base) else ""
     tried = _Tries(fits, held, found, rules, removed, sensed, places).all()
@@ -198,11 +198,6 @@ def _largest(trials: Sequence[Trial], rules: Rules) -> float:
     """Return the largest gain of what passes; what is smaller is not looked at."""
     by_gain = sorted((t for t in trials if t.gain > 0.0), key=lambda t: -t.gain)
     return next((t.gain for t in by_gain if t.passes(rules)), 0.0)
-
-
-def _screened(fits: tuple[Fit, ...], terms: list[Term]) -> tuple[dict[str, Score], ...]:
-    """Return the score of every effect on either fold."""
-    return tuple(threaded(lambda f: screen(f, terms), fits))
 
 
 def _gains(found: tuple[dict[str, Score], ...]) -> dict[str, float]:

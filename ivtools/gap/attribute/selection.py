@@ -241,12 +241,10 @@ def upheld(base: tuple[Fit, ...], found: Attribution) -> Attribution:
     """
     if not found.named or found.certain & {*found.named}:
         return found
-    held = frozen(found.fits, [f.fold for f in base])
-    models = [common(fits) for fits in (base, held)]
-    laws = Laws.of(models[0])
-    before, held = models
+    before, held = map(common, (base, frozen(found.fits, [f.fold for f in base])))
+    laws = Laws.of(before)
     whole = tuple(replace(t, before=before, held=held) for _, t in found.winners.values())
-    if laws is None or names_kept(models, laws, [whole], found.rules).unsurpassed:
+    if laws is None or names_kept((before, held), laws, [whole], found.rules).unsurpassed:
         return found
     return replace(found, fits=found.base, held=found.base, named=(), full=found.held)
 

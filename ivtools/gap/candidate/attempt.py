@@ -125,7 +125,7 @@ def retuned(fold: Fold, fit: Fit, own: Fit) -> Fit:
     fit : Fit
         With the effects.
     own : Fit
-        This fold's own: phases are taken from it, and the first Jacobian.
+        This fold's own: phases are taken from it, and the first Jacobian if it is alike.
     """
     turned = phases(fit.loop)
     base = fold.scales.loop.parameters  # as declared, its own effects with it

@@ -107,9 +107,9 @@ def _deepest(
     costs = [_cost(f, term) for f in fits]
     rigid = [c(None) for c in costs]
     costs = [costs[k] for k in np.argsort(rigid)[::-1]]  # the one that shows most first
-    plain = sum(rigid)
-    if place and sum(c({**place}) for c in costs) < HOPELESS * plain:
-        return [{**place}]
+    plain, known = sum(rigid), dict(place or {})
+    if known and sum(c(known) for c in costs) < HOPELESS * plain:
+        return [known]
     scales = fits[0].fold.scales
     boxes: list[tuple[Box, dict[bytes, float]]] = [(b, {}) for b in Box.of(term, scales)]
     found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), seen) for b, seen in boxes]

@@ -46,9 +46,6 @@ def finish(
     say = progress or mute
     say("screening and fitting the effects")
     begun, fold, result = named(begun)
-    if begun.strangers and not any(t.second_mass for t in result.fits[0].loop.terms):
-        checked, said = tuple(m.parity for m in begun.measured), [*begun.strangers, *begun.found]
-        return refused(begun.task.record, begun.loop, checked, said)
     say("where and how far")
     return _answer(begun, result, fold, swung)
 
@@ -61,6 +58,8 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     places = result.places
     outcome = _that_lower(loop, measured, result, fold, (at_controller, values), held_out, swung)
     effects, result, shrink, traces, said = outcome
+    if begun.strangers and not any(t.second_mass for t in result.fits[0].loop.terms):
+        return refused(task.record, loop, checked, [*begun.strangers, *begun.found])
     if begun.third is not None:
         shrink = replace(shrink, judged=quantify.judge(loop, begun.third, result))
     before, after = cost(result.base), cost(result.held)

@@ -277,8 +277,9 @@ def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
             )
         ]
     start = loop.start.get("inertia")
-    far = start and inertia > 0.0 and not INERTIA_RANGE[0] < inertia / start < INERTIA_RANGE[1]
-    if far and shown.clear:  # no unit makes it negative: a link that swings against its drive does
+    ratio = inertia / start if start else 1.0
+    # no unit makes it negative: a link that swings against its drive does
+    if shown.clear and ratio > 0.0 and not INERTIA_RANGE[0] < ratio < INERTIA_RANGE[1]:
         return _astray([record]) or [
             Finding(
                 f"the record suggests an inertia of {inertia:.3g} {unit}, the axis file starts "
