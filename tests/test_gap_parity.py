@@ -95,6 +95,27 @@ def test_what_comes_near_a_limit_is_not_cut(loop, declared):
     assert found.limit == (None if declared else pytest.approx(near))
 
 
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_noisy_log_does_not_hide_where_an_integrator_stood(loop, declared):
+    """It shows some of the clipped samples below the limit, and others at it."""
+    given, rng, worse = iv.datasets.twin(), np.random.default_rng(5), 0
+    for _ in range(12):
+        kp = 39000.0 * rng.uniform(0.5, 1.2)
+        gains = {"kp": kp, "ki": kp * rng.uniform(2.0, 10.0), "kd": kp * rng.uniform(0.0015, 0.008)}
+        free = replace(loop, controller=iv.loop.Controller("pid", gains, limit=10.0))
+        nu = free.simulate(given, THETA, initial="rest", quantum=5e-8).nu
+        limit = float(np.quantile(np.abs(nu), 1.0 - 10.0 ** rng.uniform(-2.5, -1.2)))
+        limited = replace(free, controller=replace(free.controller, limit=limit))
+        sim = limited.simulate(given, THETA, initial="rest", quantum=5e-8)
+        noise = 10.0 ** rng.uniform(-3.0, -2.0)
+        logged = sim.nu + noise * np.std(sim.nu) * rng.standard_normal(sim.nu.shape)
+        record = given.replace(q=sim.q, nu=logged)
+        found = parity.check(record, limited if declared else free, read=False)
+        assert found.limit == (None if declared else pytest.approx(limit, rel=1e-3))
+        worse += found.after > max(5.0 * noise, 0.01)
+    assert worse <= 2
+
+
 def test_a_limit_that_the_law_hardly_exceeds_explains_the_command():
     """A PID whose integrator is a little wrong is below its limit at the ends of many stretches."""
     case = draw(Task("controllers", 7701, ("saturation",), ("pid",)))

@@ -390,7 +390,7 @@ def _limit(
         law = found.law(controller, controller.delay)
         cut = at_top & _cut(found, law, level)
         mostly = cut.sum() > CUT_SHARE * at_top.sum()
-        if cut.sum() >= LIMIT_SAMPLES and (mostly or _explains(found, controller, law, level)):
+        if cut.sum() >= LIMIT_SAMPLES and (mostly or _explains(found, controller, law, cut)):
             declared = largest >= AT_LIMIT * controller.limit
             return found, None if declared else level, at_top
     return signals, None, own >= signals.least
@@ -441,15 +441,18 @@ def _cut(signals: Signals, law: Array, level: float) -> NDArray[np.bool_]:
     return (np.abs(law) > CUT * level) & same
 
 
-def _explains(signals: Signals, controller: Controller, law: Array, level: float) -> bool:
-    """Whether a law that is cut at a level gives nearly the command, and one that is not does not.
+def _explains(signals: Signals, controller: Controller, law: Array, cut: NDArray[np.bool_]) -> bool:
+    """Whether a law gives nearly the command if it is limited, and does not if it is not.
 
     One with an integrator, a little wrong, may hardly exceed the limit where it begins and ends.
+    The noise of the log, as it is where the law was cut, no law explains.
     """
     own = signals.own[PARITY_HEAD:]
-    cut = own - np.clip(law, -level, level)[PARITY_HEAD:]
+    left = signals.own - np.clip(law, -signals.limit, signals.limit)
+    noise = float(np.mean(left[cut] ** 2)) * len(own)
+    limited = float(left[PARITY_HEAD:] @ left[PARITY_HEAD:]) - noise
     free = signals.limited(np.inf, np.inf).error(controller, controller.delay, 0.0)[PARITY_HEAD:]
-    return float(cut @ cut) < LIMIT_LEAVES * min(float(free @ free), float(own @ own))
+    return limited < LIMIT_LEAVES * min(float(free @ free), float(own @ own))
 
 
 def _best_delay(

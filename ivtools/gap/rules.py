@@ -75,9 +75,9 @@ FLATTER = 0.1
 CUT = 1.02
 #: Share of the samples at the top at which the law must have been cut (training).
 CUT_SHARE = 0.8
-#: Where the law was cut at fewer of them: energy of the parity error that the limit leaves at most,
-#: over that of the error without it, and over that of the command (judgement: nothing else takes
-#: nearly all of the error; in training 2e-4 and 6e-3 are left).
+#: Where the law was cut at fewer of them: energy of the parity error that the limit leaves at most
+#: beside the log's noise, over that of the error without it, and over that of the command
+#: (judgement: nothing else takes nearly all of the error; in training 2e-4 and 6e-3 are left).
 LIMIT_LEAVES = 0.01
 #: Relative parity error up to which the command is that of the law (numerics: digits of a log).
 ROUNDING = 1e-7

@@ -15,7 +15,7 @@ from ..physics import TERMS, Term
 from ..record import Record
 from . import kernel, mechanics
 from .controllers import Controller, LinearLaw, Seen
-from .controllers.law import MEASURED, clipped
+from .controllers.law import MEASURED, Clipped
 from .simulation import Simulation
 
 if TYPE_CHECKING:
@@ -294,7 +294,7 @@ def _inner_state(
         return law.settled(start)
     n = min(len(seen.command) - delay, max(_START_SAMPLES, round(_BEGINNING / dt)))
     command = seen.command[delay : delay + n]
-    return law.began(seen.inputs[:n], command, clipped(command, limit), limit)
+    return law.began(seen.inputs[:n], command, Clipped.of(command, limit, limit))
 
 
 def started(q: Array, dt: float) -> Motion:

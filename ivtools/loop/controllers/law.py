@@ -28,6 +28,31 @@ _NONE = 1e-10  # of the largest singular value: states that together do nothing 
 KNOWN, MEASURED = slice(0, 3), slice(3, 5)  # of the inputs: before a simulation, and in it
 
 
+@dataclass(frozen=True, eq=False)
+class Clipped:
+    """Where a recorded command was clipped.
+
+    Parameters
+    ----------
+    side : ndarray, (n_samples,)
+        The sign of the command where it was, 0 elsewhere.
+    limit : float
+        At which.
+    sure : bool
+        It was clipped at all these samples; else at those where the law itself gives more.
+    """
+
+    side: Array
+    limit: float
+    sure: bool = True
+
+    @classmethod
+    def of(cls, command: Array, limit: float, least: float, sure: bool = True) -> Clipped:
+        """Return where a command, (n_samples,), sits at a limit: from the least of it on."""
+        at = np.abs(command) >= _AT_LIMIT * least
+        return cls(np.where(at, np.sign(command), 0.0), limit, sure)
+
+
 @dataclass(frozen=True)
 class LinearLaw:
     """A control law at its sampling rate; units are command per position or velocity.
@@ -118,13 +143,7 @@ class LinearLaw:
         before = q[0] + (q[0] - q[1]) * np.arange(len(self.taps) - 1, 0, -1)
         return np.convolve(np.concatenate([before, q]), self.taps, mode="valid")
 
-    def command(
-        self,
-        inputs: Array,
-        state: Array,
-        side: Array | None = None,
-        limit: float = np.inf,
-    ) -> Array:
+    def command(self, inputs: Array, state: Array, clipped: Clipped | None = None) -> Array:
         """Return the command, before its limit, that the inputs make, (n_samples,).
 
         Parameters
@@ -132,19 +151,17 @@ class LinearLaw:
         inputs : (n_samples, 5) ndarray
         state : (n,) ndarray
             At the first sample.
-        side : (n_samples,) ndarray, optional
-            The sign of the command where it is known to be clipped, 0 elsewhere.
-        limit : float
-            At which it is clipped there.
+        clipped : Clipped, optional
+            Nowhere by default.
         """
-        return self._march(inputs, state, side, limit)[0]
+        return self._march(inputs, state, clipped)[0]
 
     def began(
         self,
         inputs: Array,
         command: Array,
-        side: Array | None = None,
-        limit: float = np.inf,
+        clipped: Clipped | None = None,
+        near: Array | None = None,
     ) -> Array:
         """Return the state, (n,), in which the law began, so that it gives these commands.
 
@@ -152,20 +169,23 @@ class LinearLaw:
         ----------
         inputs : (n_samples, 5) ndarray
         command : (n_samples,) ndarray
-            The law's own recorded command, clipped where `side` says so.
-        side, limit
-            As for `command`.
+            The law's own recorded command.
+        clipped : Clipped, optional
+            Nowhere by default.
+        near : (n,) ndarray, optional
+            A first guess, from which the states are found that were held; the settled state by
+            default.
         """
-        start = self.settled(inputs[0], float(command[0]))
+        start = self.settled(inputs[0], float(command[0])) if near is None else near
         if not len(self.C):
             return start
-        given, frozen = self._march(inputs, start, side, limit)
-        free = np.column_stack([self._free(e, frozen, side) for e in np.eye(len(start))])
+        given, frozen = self._march(inputs, start, clipped)
+        free = np.column_stack([self._free(e, frozen, clipped) for e in np.eye(len(start))])
         if not (np.isfinite(free).all() and np.isfinite(given).all()):  # an unstable law
             return start
         rows = np.ones(len(command), dtype=bool)
-        if side is not None and (side == 0.0).any():
-            rows = side == 0.0
+        if clipped is not None and (clipped.side == 0.0).any():
+            rows = clipped.side == 0.0
         if rows.sum() > 4 * len(self.taps):  # the first velocities rest on a guess of the past
             rows[: len(self.taps)] = False
         left = (command - given)[rows]
@@ -188,55 +208,48 @@ class LinearLaw:
         return np.asarray(np.linalg.lstsq(rows, wanted, rcond=None)[0], dtype=float)
 
     def _march(
-        self, inputs: Array, state: Array, side: Array | None, limit: float
+        self, inputs: Array, state: Array, clipped: Clipped | None
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the command, and which states were held, (n_samples, n)."""
-        direct, frozen = inputs @ self.D, np.zeros((len(inputs), len(self.C)), dtype=bool)
+        frozen = np.zeros((len(inputs), len(self.C)), dtype=bool)
         if not len(self.C):
-            return direct, frozen
+            return inputs @ self.D, frozen
+        return self._run(inputs @ self.B.T, inputs @ self.D, state, clipped, frozen, False), frozen
+
+    def _free(self, state: Array, frozen: NDArray[np.bool_], clipped: Clipped | None) -> Array:
+        """Return the command that a state makes by itself, held where the command was clipped."""
+        n = len(frozen)
+        alone = None if clipped is None else replace(clipped, limit=0.0)
+        return self._run(np.zeros((n, len(self.C))), np.zeros(n), state, alone, frozen, True)
+
+    def _run(
+        self,
+        driven: Array,
+        direct: Array,
+        state: Array,
+        clipped: Clipped | None,
+        frozen: NDArray[np.bool_],
+        given: bool,
+    ) -> Array:
+        """Return the command, given what the inputs add to the states and to it."""
         from .march import march
 
-        side = np.zeros(len(inputs)) if side is None else np.asarray(side, dtype=float)
-        out = np.empty(len(inputs))
+        n = len(direct)
+        where = Clipped(np.zeros(n), np.inf) if clipped is None else clipped
+        out = np.empty(n)
         march(
             np.ascontiguousarray(self.A),
-            inputs @ self.B.T,
+            driven,
             direct,
             self.C,
             self.back,
             self.hold,
             np.array(state, dtype=float),
-            side,
-            limit,
+            where.side,
+            where.limit,
             frozen,
-            False,
-            out,
-        )
-        return out, frozen
-
-    def _free(self, state: Array, frozen: NDArray[np.bool_], side: Array | None) -> Array:
-        """Return the command that a state makes by itself, held where the command was clipped."""
-        from .march import march
-
-        out, n = np.empty(len(frozen)), len(frozen)
-        side = np.zeros(n) if side is None else np.asarray(side, dtype=float)
-        march(
-            np.ascontiguousarray(self.A),
-            np.zeros((n, len(self.C))),
-            np.zeros(n),
-            self.C,
-            self.back,
-            self.hold,
-            state.copy(),
-            side,
-            0.0,
-            frozen,
-            True,
+            given,
+            given or where.sure,
             out,
         )
         return out
-
-
-def clipped(command: Array, limit: float) -> Array:
-    """Return the sign of a command where it sits at its limit, 0 elsewhere, (n_samples,)."""
-    return np.where(np.abs(command) >= _AT_LIMIT * limit, np.sign(command), 0.0)

@@ -9,11 +9,11 @@ from ...compiled import cached
 
 
 @cached()
-def march(A, driven, direct, C, back, hold, x, side, limit, frozen, given, out):
+def march(A, driven, direct, C, back, hold, x, side, limit, frozen, given, sure, out):
     """Fill `out` with the command, and `frozen` with the states that were held.
 
-    Where `side` is not 0 the command was clipped there, to `side * limit`. If the held states are
-    `given` they are taken, not found.
+    Where `side` is not 0 the command was clipped, to `side * limit`; if that is not `sure`, only
+    where it is beyond that. If the held states are `given` they are taken, not found.
     """
     n, new = C.size, x.copy()
     for k in range(out.size):
@@ -25,7 +25,7 @@ def march(A, driven, direct, C, back, hold, x, side, limit, frozen, given, out):
             new[i] = driven[k, i]
             for j in range(n):
                 new[i] += A[i, j] * x[j]
-        if side[k] != 0.0:
+        if side[k] != 0.0 and (sure or side[k] * value >= limit):
             for i in range(n):
                 new[i] += back[i] * (side[k] * limit - value)
                 if not given:

@@ -14,7 +14,7 @@ from ...checks import MIN_SAMPLES
 from ...errors import RecordError
 from ...record import Record
 from ..controllers.filters import LoopFilter
-from ..controllers.law import clipped
+from ..controllers.law import Clipped
 from ..controllers.seen import FEEDFORWARDS, feedforward, speed_reference
 
 if TYPE_CHECKING:
@@ -105,7 +105,11 @@ class Data:
     @cached_property
     def side(self) -> Array:
         """The sign of the command where it is clipped, (n,)."""
-        return clipped(self.command, self.limit)
+        return self.clipped(0).side
+
+    def clipped(self, late: int) -> Clipped:
+        """Return where the command of a law that is late, (n - late,), is clipped."""
+        return Clipped.of(self.command[late:], self.limit, self.limit)
 
     @cached_property
     def rows(self) -> NDArray[np.bool_]:

@@ -313,7 +313,7 @@ class _Whole(Law):
         law = controller.law(self.record.dt)
         inputs = Seen.of(controller, self.record, self.whole, data.joint).inputs
         inputs = inputs[: len(inputs) - late]
-        nu = law.command(inputs, law.settled(inputs[0]), data.side[late:], data.limit)
+        nu = law.command(inputs, law.settled(inputs[0]), data.clipped(late))
         return np.asarray(data.command[late:] - nu)
 
 

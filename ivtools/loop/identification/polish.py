@@ -100,10 +100,10 @@ class Law:
         if not len(law.C):
             return inputs @ law.D
         late, n = controller.delay, len(inputs)
-        own, side = self.data.command[late:], self.data.side[late:]
-        start = law.began(inputs[: n - late], own, side, self.data.limit)
-        side = np.concatenate([side, np.zeros(late)])
-        return law.command(inputs, start, side, self.data.limit)
+        clipped = self.data.clipped(late)
+        start = law.began(inputs[: n - late], self.data.command[late:], clipped)
+        on = np.concatenate([clipped.side, np.zeros(late)])
+        return law.command(inputs, start, replace(clipped, side=on))
 
 
 def polished(data: Data, controller: Controller, steps: int = _STEPS) -> Fitted:
