@@ -30,6 +30,7 @@ from .rules import (
     AT_TOP,
     CUT,
     CUT_SHARE,
+    DELAY_TOLD,
     FASTER,
     FASTER_LATE,
     FASTER_TOLD,
@@ -39,6 +40,7 @@ from .rules import (
     GAIN_EXPLAINS,
     GAIN_NEEDED,
     GAIN_RANGE,
+    GAIN_STEPS,
     GAIN_T,
     GROSS_GAIN,
     LAW_BETTER,
@@ -60,6 +62,8 @@ from .rules import (
 )
 
 Array = NDArray[np.float64]
+
+_MOVE = 1e-3  # of a gain, in its finite differences
 
 
 @dataclass(frozen=True)
@@ -459,43 +463,64 @@ def _best_delay(
     signals: Signals, controller: Controller, free: NDArray[np.bool_]
 ) -> tuple[dict[str, float], int]:
     """Return the mismatch that is worth a name, at the delay that explains most, and that."""
-    delays = range(MAX_DELAY + 1)
-    fits = [_fit(signals, controller, delay, free) for delay in delays]
-    delay = min(delays, key=lambda k: fits[k][2])
-    values, tvalues, _ = fits[delay]
-    return _material(signals, controller, delay, values, tvalues, free), delay
+    fits = {delay: _Gains(signals, controller, delay, free) for delay in range(MAX_DELAY + 1)}
+    for _ in range(GAIN_STEPS):
+        for fit in fits.values():
+            fit.step()
+        least = min(fit.cost for fit in fits.values())
+        fits = {delay: fit for delay, fit in fits.items() if fit.cost <= DELAY_TOLD * least}
+    delay = min(fits, key=lambda k: fits[k].cost)
+    return _material(signals, controller, fits[delay]), delay
 
 
-def _fit(
-    signals: Signals, controller: Controller, delay: int, free: NDArray[np.bool_]
-) -> tuple[dict[str, float], dict[str, float], float]:
-    """Fit the mismatch at one delay; return values, t values and the cost."""
-    names = [*controller.mismatches, *(["added"] if signals.added.any() else [])]
-    x = np.zeros(len(names))
-    rows = free.copy()
-    rows[:PARITY_HEAD] = False
-    wide = replace(controller, limit=np.inf)
+class _Gains:
+    """The mismatch that explains most of the command at one delay, as far as it is fitted."""
 
-    def error(x: Array) -> Array:
+    def __init__(
+        self, signals: Signals, controller: Controller, delay: int, free: NDArray[np.bool_]
+    ) -> None:
+        self.signals, self.delay = signals, delay
+        self.controller = replace(controller, limit=np.inf)
+        self.names = [*controller.mismatches, *(["added"] if signals.added.any() else [])]
+        self.x = np.zeros(len(self.names))
+        self.rows = free.copy()
+        self.rows[:PARITY_HEAD] = False
+        self.e = self._error(self.x)
+        self.columns = np.zeros((len(self.e), len(self.names)))
+
+    def _error(self, x: Array) -> Array:
         """Return the parity error at these mismatches, (n_rows,)."""
-        values = dict(zip(names, x, strict=True))
+        values = dict(zip(self.names, x, strict=True))
         added = values.pop("added", 0.0)
-        return signals.error(wide.with_mismatch(**values), delay, added)[rows]
+        law = self.controller.with_mismatch(**values)
+        return self.signals.error(law, self.delay, added)[self.rows]
 
-    if not names:
-        return {}, {}, float(np.sum(error(x) ** 2))
-    least = [ADDED_LEAST if n == "added" else GAIN_RANGE[0] for n in names]
-    e, step = error(x), 1e-3
-    columns = np.zeros((len(e), len(names)))
-    for _ in range(3):
-        columns = np.column_stack([(error(x + step * d) - e) / step for d in np.eye(len(names))])
-        x = x - np.linalg.lstsq(columns, e, rcond=1e-8)[0]
-        x = np.clip(x, least, GAIN_RANGE[1])
-        e = error(x)
-    deviation = _deviations(columns, e)
-    tvalues = np.abs(x) / np.maximum(deviation, 1e-300)
-    as_dict = [dict(zip(names, v.tolist(), strict=True)) for v in (x, tvalues)]
-    return as_dict[0], as_dict[1], float(e @ e)
+    @property
+    def cost(self) -> float:
+        """Energy of the parity error."""
+        return float(self.e @ self.e)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The mismatch."""
+        return dict(zip(self.names, self.x.tolist(), strict=True))
+
+    @property
+    def tvalues(self) -> dict[str, float]:
+        """Block-robust t values."""
+        t = np.abs(self.x) / np.maximum(_deviations(self.columns, self.e), 1e-300)
+        return dict(zip(self.names, t.tolist(), strict=True))
+
+    def step(self) -> None:
+        """Take a Gauss-Newton step."""
+        if not self.names:
+            return
+        least = [ADDED_LEAST if n == "added" else GAIN_RANGE[0] for n in self.names]
+        moved = [self._error(self.x + _MOVE * one) for one in np.eye(len(self.names))]
+        self.columns = np.column_stack([(e - self.e) / _MOVE for e in moved])
+        x = self.x - np.linalg.lstsq(self.columns, self.e, rcond=1e-8)[0]
+        self.x = np.clip(x, least, GAIN_RANGE[1])
+        self.e = self._error(self.x)
 
 
 def _deviations(columns: Array, e: Array) -> Array:
@@ -510,20 +535,17 @@ def _deviations(columns: Array, e: Array) -> Array:
 def _material(
     signals: Signals,
     controller: Controller,
-    delay: int,
-    fitted: dict[str, float],
-    tvalues: dict[str, float],
-    free: NDArray[np.bool_],
+    fit: _Gains,
 ) -> dict[str, float]:
     """Keep what is significant, worth a name, and explains the parity error."""
-    kept = {n: v for n, v in fitted.items() if abs(v) > GAIN_ERROR and tvalues[n] > GAIN_T}
-    rows = free.copy()
-    rows[:PARITY_HEAD] = False
+    tvalues = fit.tvalues
+    kept = {n: v for n, v in fit.values.items() if abs(v) > GAIN_ERROR and tvalues[n] > GAIN_T}
 
     def energy(values: dict[str, float]) -> float:
         """Return the energy of the parity error that is left with these mismatches put right."""
-        changed = replace(_corrected(controller, delay, values, None), limit=np.inf)
-        return float(np.sum(signals.error(changed, delay, values.get("added", 0.0))[rows] ** 2))
+        changed = replace(_corrected(controller, fit.delay, values, None), limit=np.inf)
+        error = signals.error(changed, fit.delay, values.get("added", 0.0))
+        return float(np.sum(error[fit.rows] ** 2))
 
     if not kept or energy(kept) > (1.0 - GAIN_EXPLAINS) * energy({}):
         return {}

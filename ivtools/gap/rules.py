@@ -81,6 +81,11 @@ CUT_SHARE = 0.8
 LIMIT_LEAVES = 0.01
 #: Relative parity error up to which the command is that of the law (numerics: digits of a log).
 ROUNDING = 1e-7
+#: Steps in which wrong gains are found at a delay (numerics: commands are nearly linear in them).
+GAIN_STEPS = 3
+#: Parity error's energy over the least at any delay, beyond which a delay is out after a step
+#: (training: the same delays and gains in 70 records as with all of them).
+DELAY_TOLD = 10.0
 #: Relative error of a gain that is worth a name (physics: no gain is known better).
 GAIN_ERROR = 0.004
 #: Block-robust t value from which a gain is wrong (training: 0 of 100 records without).
