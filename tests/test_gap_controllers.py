@@ -107,6 +107,20 @@ def test_a_limit_that_nobody_declared_holds_the_integrator_as_well(kind):
     assert shown.limit == pytest.approx(limit) and shown.trustworthy and not shown.mismatch
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("p-pi", 4), ("pi-velocity", 6)])
+@pytest.mark.parametrize("does", ["none", "back-calculation"])
+def test_what_an_integrator_does_at_its_limit_is_no_wrong_controller(kind, seed, does):
+    loop, record = played(kind, seed=seed)
+    limit = 0.6 * float(np.abs(record.nu).max())
+    law = replace(loop.controller, limit=limit, anti_windup=does)
+    sim = replace(loop, controller=law).simulate(record, iv.IDIMLS().fit(record, loop).params)
+    noise = np.random.default_rng(4).normal(0.0, 0.002 * limit, sim.nu.shape)
+    found = iv.diagnose(record.replace(q=sim.q, nu=sim.nu + noise), loop)
+    assert found.effects == ("saturation",)
+    assert found.parameters["saturation"]["limit"] == pytest.approx(limit, rel=0.01)
+    assert any(f'anti_windup = "{does}"' in f.text for f in found.findings)
+
+
 @pytest.mark.parametrize("kind", ["pd", "cascade-pd", "p-velocity"])
 @pytest.mark.parametrize("noise", [0.001, 0.004, 0.015])
 def test_a_limit_is_seen_in_a_command_that_was_measured(kind, noise):

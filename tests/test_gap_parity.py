@@ -95,6 +95,26 @@ def test_what_comes_near_a_limit_is_not_cut(loop, declared):
     assert found.limit == (None if declared else pytest.approx(near))
 
 
+@pytest.mark.parametrize("does", ["none", "back-calculation"])
+def test_what_an_integrator_does_at_a_limit_is_shown_by_records(loop, does):
+    """Whoever has not stated the limit has not stated that, so that "clamp" is declared."""
+    given, gains = iv.datasets.twin(), {"kp": 30000.0, "ki": 2e5, "kd": 100.0}
+    free = replace(loop, controller=iv.loop.Controller("pid", gains, limit=10.0))
+    known = replace(free.controller, limit=4.0, anti_windup=does)
+    sim = replace(loop, controller=known).simulate(given, THETA, initial="rest", quantum=5e-8)
+    record = given.replace(q=sim.q, nu=sim.nu)
+    checked = [parity.check(record, free, read=False)]
+    other, found = parity.wound([record], free, checked, 1)
+    assert checked[0].after > 0.1 and other.controller.anti_windup == does
+    assert found[0].limit == pytest.approx(4.0) and found[0].after < 1e-6
+    assert not found[0].mismatch
+    fed = replace(free, controller=replace(free.controller, feedforward={"velocity": 20.0}))
+    sim = fed.simulate(given, THETA, initial="rest", quantum=5e-8)
+    checked = [parity.check(given.replace(q=sim.q, nu=sim.nu), free, read=False)]
+    assert checked[0].after > 0.02  # of another cause
+    assert parity.wound([given.replace(q=sim.q, nu=sim.nu)], free, checked, 1)[0] is free
+
+
 @pytest.mark.parametrize("declared", [True, False])
 def test_a_noisy_log_does_not_hide_where_an_integrator_stood(loop, declared):
     """It shows some of the clipped samples below the limit, and others at it."""

@@ -20,7 +20,7 @@ from ..errors import IVToolsError
 from ..limits import LARGEST
 from ..linalg import block_covariance
 from ..loop import ClosedLoop, Controller
-from ..loop.controllers import Seen
+from ..loop.controllers import ANTI_WINDUP, Seen
 from ..loop.identification import ControllerFit
 from ..record import Record
 from .between import interpolated
@@ -288,6 +288,30 @@ def _differences(declared: Controller, law: Controller, fit: ControllerFit) -> d
     }
     found = {k: new / old - 1.0 for k, (old, new) in pairs.items() if old}
     return {k: v for k, v in found.items() if abs(v) > least}
+
+
+def wound(
+    records: Sequence[Record], loop: ClosedLoop, checked: Sequence[Parity], oversampling: int
+) -> tuple[ClosedLoop, list[Parity]]:
+    """Return the loop whose integrator does at its limit what records show, and their parity.
+
+    Whoever has not stated the limit has not stated that either. The declared one stays where the
+    law explains the command, or no other one does much better.
+    """
+    of = [anti for anti in ANTI_WINDUP if anti != loop.controller.anti_windup]
+    clamped = replace(loop.controller, anti_windup="clamp")
+    known = max(p.after for p in checked) <= PARITY_POOR
+    if known or loop.controller.kind == "identify" or not clamped.law(records[0].dt).hold.any():
+        return loop, list(checked)
+
+    def left(tried: Sequence[Parity]) -> float:
+        return sum(p.after**2 for p in tried)
+
+    others = [replace(loop, controller=replace(clamped, anti_windup=anti)) for anti in of]
+    found = {o: [check(r, o, False, oversampling) for r in records] for o in others}
+    best = min(others, key=lambda o: left(found[o]))
+    better = left(found[best]) < LAW_BETTER * left(checked)
+    return (best, found[best]) if better else (loop, list(checked))
 
 
 def relative(checked: Sequence[Parity], setting: str) -> bool:

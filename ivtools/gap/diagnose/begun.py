@@ -187,6 +187,8 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     task, alone = _both_ways(task, loop)
     if task.inspected is None:
         task, compared, late = _on_time(task, loop)
+        loop, compared, more = _wound(task, loop, compared)
+        late += more
         inspected = _inspected(task, loop, compared)
     else:
         inspected, late = task.inspected.under(loop), []
@@ -302,6 +304,23 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Fin
                 text = preflight.late(samples, left)
                 said += [f for one, _ in logged for f in preflight.named([text], one)]
     return task, checked, said
+
+
+def _wound(
+    task: Task, loop: ClosedLoop, compared: list[Parity]
+) -> tuple[ClosedLoop, list[Parity], list[Finding]]:
+    """Return the loop whose integrator does at its limit what the records show, and what to say.
+
+    A joint's controller is its robot's.
+    """
+    if task.links:
+        return loop, compared, []
+    rate = max(p.oversampling for p in compared)
+    other, checked = parity.wound(list(task.given.values()), loop, compared, rate)
+    if other is loop:
+        return loop, compared, []
+    before, after = (max(p.after for p in each) for each in (compared, checked))
+    return other, checked, [preflight.wound(other.controller.anti_windup, before, after)]
 
 
 def _left(compared: Sequence[tuple[Record, Parity]], records: Sequence[Record]) -> float:

@@ -19,6 +19,7 @@ from .findings import (
     overlap,
     require,
     same_axis,
+    wound,
 )
 from .hanging import Hanging, hanging
 from .logged import counted, faster, finer, late, lateness, near, origin
@@ -53,4 +54,5 @@ __all__ = [
     "require",
     "rings",
     "same_axis",
+    "wound",
 ]

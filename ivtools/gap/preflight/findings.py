@@ -252,6 +252,24 @@ def other_law(parity: Parity, taken: bool = True) -> list[Finding]:
     return [Finding(f"{text}{_remains(parity)}", fatal=False)]
 
 
+def wound(anti_windup: str, before: float, after: float) -> Finding:
+    """Return what to say of an integrator that does at its limit what was not declared.
+
+    Parameters
+    ----------
+    anti_windup : str
+        What it does.
+    before, after : float
+        Relative parity error as declared, and so.
+    """
+    text = (
+        "while the command is at its limit the integrator does what the records show: with "
+        f'anti_windup = "{anti_windup}" the law leaves {100 * after:.2g} % of the command, as '
+        f"declared {100 * before:.2g} %; state it in [controller]"
+    )
+    return Finding(text, fatal=False)
+
+
 def _changes(controller: Controller, mismatch: Mapping[str, float]) -> str:
     settings = controller.settings
     return ", ".join(

@@ -1,9 +1,18 @@
 """Controllers: one linear form of every law, the kinds of laws, and what a law sees of a record."""
 
-from .controller import Controller
+from .controller import ANTI_WINDUP, Controller
 from .kinds import KINDS, Kind
 from .law import INPUTS, LinearLaw
 from .seen import Seen
 from .velocity import backward_difference
 
-__all__ = ["INPUTS", "KINDS", "Controller", "Kind", "LinearLaw", "Seen", "backward_difference"]
+__all__ = [
+    "ANTI_WINDUP",
+    "INPUTS",
+    "KINDS",
+    "Controller",
+    "Kind",
+    "LinearLaw",
+    "Seen",
+    "backward_difference",
+]
