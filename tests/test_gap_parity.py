@@ -104,7 +104,7 @@ def test_what_an_integrator_does_at_a_limit_is_shown_by_records(loop, does):
     sim = replace(loop, controller=known).simulate(given, THETA, initial="rest", quantum=5e-8)
     record = given.replace(q=sim.q, nu=sim.nu)
     checked = [parity.check(record, free, read=False)]
-    other, found = parity.wound([record], free, checked, 1)
+    _, other, found = parity.at_limit([record], free, checked, 1)
     assert checked[0].after > 0.1 and other.controller.anti_windup == does
     assert found[0].limit == pytest.approx(4.0) and found[0].after < 1e-6
     assert not found[0].mismatch
@@ -112,7 +112,28 @@ def test_what_an_integrator_does_at_a_limit_is_shown_by_records(loop, does):
     sim = fed.simulate(given, THETA, initial="rest", quantum=5e-8)
     checked = [parity.check(given.replace(q=sim.q, nu=sim.nu), free, read=False)]
     assert checked[0].after > 0.02  # of another cause
-    assert parity.wound([given.replace(q=sim.q, nu=sim.nu)], free, checked, 1)[0] is free
+    assert parity.at_limit([given.replace(q=sim.q, nu=sim.nu)], free, checked, 1)[1] is free
+
+
+@pytest.mark.parametrize(
+    ("ki", "does", "delay"), [(0.0, "clamp", 1), (2e5, "none", 2), (2e5, "clamp", 0)]
+)
+def test_an_added_input_that_goes_through_the_limit_is_told(loop, ki, does, delay):
+    """What is sent to a drive is limited there, whatever it is the sum of."""
+    given, gains = iv.datasets.twin(), {"kp": 30000.0, "ki": ki, "kd": 100.0}
+    free = replace(loop, controller=iv.loop.Controller("pid", gains, limit=10.0, delay=delay))
+    pulses = 1.5 * ((np.arange(given.n_samples) // 700) % 2)
+    known = replace(free.controller, limit=4.5, anti_windup=does, feedforward={"pulses": 1.0})
+    fed = given.replace(extra={"pulses": pulses})
+    sim = replace(loop, controller=known).simulate(fed, THETA, initial="rest", quantum=5e-8)
+    added = np.concatenate([np.zeros(delay), pulses])[: given.n_samples]
+    record = given.replace(q=sim.q, nu=sim.nu, added=added)
+    checked = [parity.check(record, free, read=False)]
+    assert checked[0].after > 0.02
+    (other,), shown, found = parity.at_limit([record], free, checked, 1)
+    assert other.added is None and found[0].after < 1e-6
+    assert shown.controller.feedforward == {"pulses": 1.0} and shown.controller.anti_windup == does
+    assert found[0].limit == pytest.approx(4.5) and not found[0].mismatch
 
 
 @pytest.mark.parametrize("declared", [True, False])

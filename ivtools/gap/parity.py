@@ -63,6 +63,7 @@ from .rules import (
 
 Array = NDArray[np.float64]
 
+SUMMED = "pulses"  # name of a column: an added input that goes through the limit
 _MOVE = 1e-3  # of a gain, in its finite differences
 
 
@@ -290,28 +291,48 @@ def _differences(declared: Controller, law: Controller, fit: ControllerFit) -> d
     return {k: v for k, v in found.items() if abs(v) > least}
 
 
-def wound(
+def at_limit(
     records: Sequence[Record], loop: ClosedLoop, checked: Sequence[Parity], oversampling: int
-) -> tuple[ClosedLoop, list[Parity]]:
-    """Return the loop whose integrator does at its limit what records show, and their parity.
+) -> tuple[list[Record], ClosedLoop, list[Parity]]:
+    """Return how records show that the command was limited: they, the loop, and their parity.
 
-    Whoever has not stated the limit has not stated that either. The declared one stays where the
-    law explains the command, or no other one does much better.
+    Whoever has not stated a limit has not stated what an integrator does there either, nor whether
+    an added input goes through it: if so, it is a feed-forward, `SUMMED`. What is declared stays
+    where it explains the command, or nothing else does much better.
     """
-    of = [anti for anti in ANTI_WINDUP if anti != loop.controller.anti_windup]
-    clamped = replace(loop.controller, anti_windup="clamp")
-    known = max(p.after for p in checked) <= PARITY_POOR
-    if known or loop.controller.kind == "identify" or not clamped.law(records[0].dt).hold.any():
-        return loop, list(checked)
+    law, dt = loop.controller, records[0].dt
+    declared = list(records), loop, list(checked)
+    if law.kind in ("none", "identify") or max(p.after for p in checked) <= PARITY_POOR:
+        return declared
+    clamped = replace(law, anti_windup="clamp")
+    ends = ANTI_WINDUP if clamped.law(dt).hold.any() else (law.anti_windup,)
+    laws = [replace(law, anti_windup=end) for end in ends]
+    ways = [(list(records), one) for one in laws if one != law]
+    if any(r.added is not None and r.added.any() for r in records):
+        summed = [_summed(r, law.delay) for r in records]
+        ways += [
+            (summed, replace(one, feedforward=one.feedforward | {SUMMED: 1.0})) for one in laws
+        ]
 
-    def left(tried: Sequence[Parity]) -> float:
-        return sum(p.after**2 for p in tried)
+    def left(tried: tuple[list[Record], ClosedLoop, list[Parity]]) -> float:
+        return sum(p.after**2 for p in tried[2])
 
-    others = [replace(loop, controller=replace(clamped, anti_windup=anti)) for anti in of]
-    found = {o: [check(r, o, False, oversampling) for r in records] for o in others}
-    best = min(others, key=lambda o: left(found[o]))
-    better = left(found[best]) < LAW_BETTER * left(checked)
-    return (best, found[best]) if better else (loop, list(checked))
+    tried = []
+    for given, one in ways:
+        other = replace(loop, controller=one)
+        found = [check(r, other, False, oversampling) for r in given]
+        tried.append((given, other, found))
+    best = min(tried, key=left, default=declared)
+    limited = any(p.clipped for p in best[2])
+    return best if limited and left(best) < LAW_BETTER * left(declared) else declared
+
+
+def _summed(record: Record, delay: int) -> Record:
+    """Return a record whose added input is one that the law itself adds, as early as it is late."""
+    n = record.n_samples
+    added = np.zeros(n) if record.added is None else record.added[:, 0]
+    column = np.concatenate([added[delay:], np.zeros(min(delay, n))])
+    return record.replace(added=None, extra={**record.extra, SUMMED: column})
 
 
 def relative(checked: Sequence[Parity], setting: str) -> bool:

@@ -187,7 +187,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     task, alone = _both_ways(task, loop)
     if task.inspected is None:
         task, compared, late = _on_time(task, loop)
-        loop, compared, more = _wound(task, loop, compared)
+        task, loop, compared, more = _at_limit(task, loop, compared)
         late += more
         inspected = _inspected(task, loop, compared)
     else:
@@ -306,21 +306,23 @@ def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Fin
     return task, checked, said
 
 
-def _wound(
+def _at_limit(
     task: Task, loop: ClosedLoop, compared: list[Parity]
-) -> tuple[ClosedLoop, list[Parity], list[Finding]]:
-    """Return the loop whose integrator does at its limit what the records show, and what to say.
+) -> tuple[Task, ClosedLoop, list[Parity], list[Finding]]:
+    """Return the task and the loop as the records show their command limited, and what to say.
 
     A joint's controller is its robot's.
     """
     if task.links:
-        return loop, compared, []
+        return task, loop, compared, []
+    roles, given = zip(*task.given.items(), strict=True)
     rate = max(p.oversampling for p in compared)
-    other, checked = parity.wound(list(task.given.values()), loop, compared, rate)
+    records, other, checked = parity.at_limit(given, loop, compared, rate)
     if other is loop:
-        return loop, compared, []
+        return task, loop, compared, []
     before, after = (max(p.after for p in each) for each in (compared, checked))
-    return other, checked, [preflight.wound(other.controller.anti_windup, before, after)]
+    said = preflight.limited(loop.controller, other.controller, before, after)
+    return task.with_records(dict(zip(roles, records, strict=True))), other, checked, [said]
 
 
 def _left(compared: Sequence[tuple[Record, Parity]], records: Sequence[Record]) -> float:

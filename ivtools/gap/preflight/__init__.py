@@ -12,6 +12,7 @@ from .findings import (
     identifiable,
     identified,
     inspect,
+    limited,
     named,
     one_way,
     only_one_way,
@@ -19,7 +20,6 @@ from .findings import (
     overlap,
     require,
     same_axis,
-    wound,
 )
 from .hanging import Hanging, hanging
 from .logged import counted, faster, finer, late, lateness, near, origin
@@ -43,6 +43,7 @@ __all__ = [
     "late",
     "lateness",
     "lawless",
+    "limited",
     "named",
     "near",
     "one_way",
@@ -54,5 +55,4 @@ __all__ = [
     "require",
     "rings",
     "same_axis",
-    "wound",
 ]

@@ -21,7 +21,7 @@ from ...record import Record
 from ...units import JOINTS
 from ..fit import Fit
 from ..fold import usable
-from ..parity import Parity
+from ..parity import SUMMED, Parity
 from ..rules import (
     ALONG,
     FOLLOWS,
@@ -252,20 +252,26 @@ def other_law(parity: Parity, taken: bool = True) -> list[Finding]:
     return [Finding(f"{text}{_remains(parity)}", fatal=False)]
 
 
-def wound(anti_windup: str, before: float, after: float) -> Finding:
-    """Return what to say of an integrator that does at its limit what was not declared.
+def limited(declared: Controller, shown: Controller, before: float, after: float) -> Finding:
+    """Return what to say of a command that is limited as the axis file does not say.
 
     Parameters
     ----------
-    anti_windup : str
-        What it does.
+    declared, shown : Controller
     before, after : float
-        Relative parity error as declared, and so.
+        Relative parity error with each.
     """
+    how = []
+    if shown.anti_windup != declared.anti_windup:
+        how.append(f'the integrator has anti_windup = "{shown.anti_windup}"')
+    if SUMMED in shown.feedforward:
+        how.append(
+            f"the added input goes through the limit too, as feedforward = {{{SUMMED} = 1.0}} does "
+            f"with a column {SUMMED} in the place of added"
+        )
     text = (
-        "while the command is at its limit the integrator does what the records show: with "
-        f'anti_windup = "{anti_windup}" the law leaves {100 * after:.2g} % of the command, as '
-        f"declared {100 * before:.2g} %; state it in [controller]"
+        f"where the command is limited, {' and '.join(how)}: so the law leaves {100 * after:.2g} % "
+        f"of the command, as declared {100 * before:.2g} %; state it in [controller]"
     )
     return Finding(text, fatal=False)
 
