@@ -140,6 +140,9 @@ class Term:
     as_force : callable, optional
         Of an effect without a law: ``as_force(q, dt, inertia, *shape)``, the forces (N or N m) that
         change the command as it does to first order, one column per linear parameter.
+    instead : callable, optional
+        Of an effect that takes the place of dry friction: ``instead(coulomb, inertia)``, parameters
+        with which it is all of it, (n, n_parameters); the first of them is its force.
     """
 
     name: str
@@ -157,6 +160,7 @@ class Term:
     joint: str = ""
     weight: Weight | None = field(default=None, compare=False)
     as_force: Law | None = field(default=None, compare=False)
+    instead: Law | None = field(default=None, compare=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle a term of ours as its name, and one of the user's with its functions' code."""
@@ -183,6 +187,11 @@ class Term:
     def linear(self) -> tuple[str, ...]:
         """Full names of the parameters that the force is linear in."""
         return tuple(n for n, p in self.by_name.items() if p.linear)
+
+    @property
+    def replaces(self) -> bool:
+        """Whether it takes the place of something in the rigid loop rather than add a force."""
+        return self.law is None or self.instead is not None
 
     @property
     def second_mass(self) -> bool:

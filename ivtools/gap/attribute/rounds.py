@@ -289,7 +289,7 @@ class _Tries:
         self.of_speed()
         if cost(self.held) > ADEQUATE and not self.closed(MOST):
             # first order does not see what takes the place of dry friction, where that is bent
-            bent = (n for n, t in self.terms.items() if t.law is None and t.search == "scan")
+            bent = (n for n, t in self.terms.items() if t.search == "scan" and t.replaces)
             self.fit(self.hopeful(bent))
         rough = max(f.fold.rough for f in self.fits) > ROUGH
         if rough and self.left > ADEQUATE and not self.closed(ALL_CLOSED):

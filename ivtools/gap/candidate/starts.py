@@ -67,6 +67,9 @@ def starts(
         return (_delivered(fits, term),) * len(fits)
     if term.search == "either":
         return tuple(alternatives(term, f.fold.scales) for f in fits)
+    if term.instead is not None:
+        pairs = zip(scores, fits, strict=True)
+        return tuple([*s.starts, *_instead(f, term)] for s, f in pairs)
     return tuple(s.starts for s in scores)
 
 
@@ -84,7 +87,32 @@ def beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, fl
         return {**fit.values, **shown} if shown.get("inertia", 1.0) > 0.0 else fit.values
     if term.search == "valleys" and fit.fold.link is not None:
         return {**fit.values, **{n: v for n, v in fit.loop.start.items() if "." not in n}}
+    if term.instead is not None and values and "coulomb" in fit.values:
+        dry = fit.values["coulomb"] - values[term.parameters[0].name]
+        return {**fit.values, "coulomb": max(dry, 0.0)}
     return fit.values
+
+
+def _instead(fit: Fit, term: Term) -> list[Point]:
+    """Return the point at which an effect is best in the place of all dry friction, if any is.
+
+    To first order, which the screening is of, it is only a part of it.
+    """
+    coulomb, inertia = (fit.values.get(name, 0.0) for name in ("coulomb", "inertia"))
+    if term.instead is None or min(coulomb, inertia) <= 0.0:
+        return []
+    names = [p.name for p in term.parameters]
+    points = [
+        dict(zip(names, row.tolist(), strict=True)) for row in term.instead(coulomb, inertia)
+    ]
+
+    def cost(point: Point) -> float:
+        """Return the energy of the whitened error."""
+        loop = fit.loop.with_effect(term, **point)
+        e = fit.fold.error(loop, loop.values(beginning(fit, term, point)))
+        return float(e @ e)
+
+    return [min(points, key=cost)]
 
 
 def _deepest(
