@@ -93,7 +93,7 @@ FLEXIBILITY = Term(
             neutral=50.0,
             scale="one",
             scan=(25.0, 40.0, 65.0),
-            wide=(5.0, 80.0),
+            wide=(5.0, 300.0),
         ),
         Parameter(
             "damping",
