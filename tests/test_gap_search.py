@@ -126,6 +126,45 @@ def test_a_diagnosis_may_look_for_second_masses_only():
     assert iv.diagnose(one, iv.axes.emps(), two, without=others).effects == ("flexibility",)
 
 
+@pytest.mark.parametrize("frequency_hz", [150.0, 200.0])
+def test_a_stiff_load_is_found_where_pulses_make_it_ring(frequency_hz):
+    """At 150 Hz nothing had a name, and 200 Hz were called adequate with three times the floor."""
+    true, theta = axis(
+        "flexibility", frequency_hz=frequency_hz, damping=0.04, load_share=0.3, load_friction=0.4
+    )
+    loop, records = iv.axes.emps(), []
+    for seed in (1, 2):
+        given, rng = moves.record(loop, BASE, 14.0, seed), np.random.default_rng(seed)
+        n = given.n_samples
+        added = 2.0 * rng.choice([-1.0, 0.0, 1.0], n // 40 + 1).repeat(40)[:n]
+        noise = moves.FORCE_NOISE * rng.normal(size=n)
+        given = given.replace(added=added)
+        sim = true.simulate(given, theta, initial="rest", quantum=moves.QUANTUM, force_noise=noise)
+        records.append(given.replace(q=sim.q, nu=sim.nu))
+    found = iv.diagnose(records[0], loop, records[1])
+    assert found.effects == ("flexibility",)
+    shown = found.parameters["flexibility"]
+    assert shown["frequency_hz"] == pytest.approx(frequency_hz, rel=0.01)
+    assert shown["load_share"] == pytest.approx(0.3, rel=0.05)
+
+
+def test_friction_that_creeps_begins_in_the_place_of_all_dry_friction():
+    """To first order it is little of it; MuJoCo's takes up nine tenths of the force at rest."""
+    rate, inertia, coulomb = 60.0, 95.0, 60.0
+    own = {"force": coulomb, "speed": coulomb / (0.9 * inertia * rate), "hold": 0.9 / coulomb}
+    true, theta = axis("regularised-coulomb", **own)
+    one, two = (moves.record(true, theta | {"coulomb": 0.0}, 14.0, seed) for seed in (1, 2))
+    found = iv.diagnose(one, iv.axes.emps(), two)
+    assert found.effects == ("regularised-coulomb",)
+    shown = found.parameters["regularised-coulomb"]
+    assert shown["force"] * shown["hold"] == pytest.approx(0.9, rel=0.02)
+    fit, term = begin(Asked(one, iv.axes.emps(), two)).folds[0], EFFECTS["regularised-coulomb"]
+    (point,) = starts.instead(fit, term)
+    loop = fit.loop.with_effect(term, **point)
+    e = fit.fold.error(loop, loop.values(starts.beginning(fit, term, point)))
+    assert float(np.mean(e**2)) < 0.3 * fit.cost  # 0.25
+
+
 def test_a_backlash_before_a_load_without_friction_is_found():
     """Very little friction there makes another motion than none: no gradient leads to it."""
     true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.0, "contact_hz": 220.0}

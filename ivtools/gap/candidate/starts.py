@@ -69,7 +69,7 @@ def starts(
         return tuple(alternatives(term, f.fold.scales) for f in fits)
     if term.instead is not None:
         pairs = zip(scores, fits, strict=True)
-        return tuple([*s.starts, *_instead(f, term)] for s, f in pairs)
+        return tuple([*s.starts, *instead(f, term)] for s, f in pairs)
     return tuple(s.starts for s in scores)
 
 
@@ -93,7 +93,7 @@ def beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, fl
     return fit.values
 
 
-def _instead(fit: Fit, term: Term) -> list[Point]:
+def instead(fit: Fit, term: Term) -> list[Point]:
     """Return the point at which an effect is best in the place of all dry friction, if any is.
 
     To first order, which the screening is of, it is only a part of it.
@@ -102,9 +102,7 @@ def _instead(fit: Fit, term: Term) -> list[Point]:
     if term.instead is None or min(coulomb, inertia) <= 0.0:
         return []
     names = [p.name for p in term.parameters]
-    points = [
-        dict(zip(names, row.tolist(), strict=True)) for row in term.instead(coulomb, inertia)
-    ]
+    points = [dict(zip(names, row.tolist(), strict=True)) for row in term.instead(coulomb, inertia)]
 
     def cost(point: Point) -> float:
         """Return the energy of the whitened error."""
