@@ -310,9 +310,8 @@ def at_limit(
     ways = [(list(records), one) for one in laws if one != law]
     if any(r.added is not None and r.added.any() for r in records):
         summed = [_summed(r, law.delay) for r in records]
-        ways += [
-            (summed, replace(one, feedforward=one.feedforward | {SUMMED: 1.0})) for one in laws
-        ]
+        fed = {**law.feedforward, SUMMED: 1.0}
+        ways += [(summed, replace(one, feedforward=fed)) for one in laws]
 
     def left(tried: tuple[list[Record], ClosedLoop, list[Parity]]) -> float:
         return sum(p.after**2 for p in tried[2])

@@ -186,15 +186,15 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     task, loop, note = _followed(task)
     task, alone = _both_ways(task, loop)
     if task.inspected is None:
-        task, compared, late = _on_time(task, loop)
-        task, loop, compared, more = _at_limit(task, loop, compared)
-        late += more
-        inspected = _inspected(task, loop, compared)
+        compared, faster = _compared(task, loop)
+        task, loop, compared, limited = _at_limit(task, loop, compared)
+        task, compared, late = _on_time(task, loop, compared)
+        inspected, logged = _inspected(task, loop, compared), [*faster, *limited, *late]
     else:
-        inspected, late = task.inspected.under(loop), []
+        inspected, logged = task.inspected.under(loop), []
     record, records, given = task.record, task.records, task.given.values()
     checked, found = inspected.checked[: len(records)], list(inspected.found)
-    law = [*near, *rounded, *law, *note, *alone, *late, *parts]
+    law = [*near, *rounded, *law, *note, *alone, *logged, *parts]
     shown = _shown(given, inspected.checked, inspected.checked)
     if any(f.fatal for f in found):
         return refused(record, loop, checked, [*found, *shown, *law])
@@ -265,45 +265,18 @@ def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
     return task.with_records({role: one for role, (one, _) in followed.items()}), known, note
 
 
-def _on_time(task: Task, loop: ClosedLoop) -> tuple[Task, list[Parity], list[Finding]]:
-    """Return the task with commands as they acted where the log has them late, and what to say.
-
-    Between them how the declared law compares with each record, at the rate of its controller.
-
-    A command that follows the position by other samples than the axis file says was given at
-    another time, or logged at another time: the simulated loop tells, for only the first turns its
-    phase. Logged it is if the base model leaves less then (training: all but one of 147 logs that
-    are late or early do, and one of 40 whose axis file has another delay). Joints of a robot have
-    one log, and no loop of their own to tell by.
-    """
-    roles, given = zip(*task.given.items(), strict=True)
+def _compared(task: Task, loop: ClosedLoop) -> tuple[list[Parity], list[Finding]]:
+    """Return how the declared law compares with each record, at the rate of its controller."""
+    given = list(task.given.values())
     rate = parity.at_rate(task.loop)
     checked = threaded(lambda one: parity.check(one, loop, False, rate), given)
-    if fast := [p for p in checked if p.oversampling > 1]:
-        rate = min(fast, key=lambda p: p.after).oversampling  # noise hides it in the others
-        again = zip(given, checked, strict=True)
-        checked = [
-            p if p.oversampling == rate else parity.check(r, loop, False, rate) for r, p in again
-        ]
-        return task, checked, [preflight.faster(rate)]
-    if task.links or loop.controller.kind == "none":
-        return task, checked, []
-    said: list[Finding] = []
-    late = threaded(preflight.lateness, given, [loop] * len(given), checked)
-    for samples in sorted({one.samples for one in late if one}):
-        moved = {k: one for k, one in enumerate(late) if one and one.samples == samples}
-        acted = [(one.record, one.checked) for one in moved.values()]
-        if any(f.fatal for one, p in acted for f in preflight.inspect(one, loop, p)):
-            continue
-        logged = [(given[k], checked[k]) for k in moved]
-        with suppress(IVToolsError):  # which the diagnosis will say
-            left = _left(acted, task.records) / _left(logged, task.records)
-            if left < 1.0:
-                task = task.with_records({roles[k]: one.record for k, one in moved.items()})
-                checked = [moved[k].checked if k in moved else p for k, p in enumerate(checked)]
-                text = preflight.late(samples, left)
-                said += [f for one, _ in logged for f in preflight.named([text], one)]
-    return task, checked, said
+    fast = [p for p in checked if p.oversampling > 1]
+    if not fast:
+        return checked, []
+    rate = min(fast, key=lambda p: p.after).oversampling  # noise hides it in the others
+    pairs = zip(given, checked, strict=True)
+    same = [p if p.oversampling == rate else parity.check(r, loop, False, rate) for r, p in pairs]
+    return same, [preflight.faster(rate)]
 
 
 def _at_limit(
@@ -323,6 +296,41 @@ def _at_limit(
     before, after = (max(p.after for p in each) for each in (compared, checked))
     said = preflight.limited(loop.controller, other.controller, before, after)
     return task.with_records(dict(zip(roles, records, strict=True))), other, checked, [said]
+
+
+def _on_time(
+    task: Task, loop: ClosedLoop, checked: list[Parity]
+) -> tuple[Task, list[Parity], list[Finding]]:
+    """Return the task with commands as they acted where the log has them late, and what to say.
+
+    Between them how the law compares with each record then.
+
+    A command that follows the position by other samples than the axis file says was given at
+    another time, or logged at another time: the simulated loop tells, for only the first turns its
+    phase. Logged it is if the base model leaves less then (training: all but one of 147 logs that
+    are late or early do, and one of 40 whose axis file has another delay). Joints of a robot have
+    one log, and no loop of their own to tell by.
+    """
+    faster = any(p.oversampling > 1 for p in checked)
+    if faster or task.links or loop.controller.kind == "none":
+        return task, checked, []
+    roles, given = zip(*task.given.items(), strict=True)
+    said: list[Finding] = []
+    late = threaded(preflight.lateness, given, [loop] * len(given), checked)
+    for samples in sorted({one.samples for one in late if one}):
+        moved = {k: one for k, one in enumerate(late) if one and one.samples == samples}
+        acted = [(one.record, one.checked) for one in moved.values()]
+        if any(f.fatal for one, p in acted for f in preflight.inspect(one, loop, p)):
+            continue
+        logged = [(given[k], checked[k]) for k in moved]
+        with suppress(IVToolsError):  # which the diagnosis will say
+            left = _left(acted, task.records) / _left(logged, task.records)
+            if left < 1.0:
+                task = task.with_records({roles[k]: one.record for k, one in moved.items()})
+                checked = [moved[k].checked if k in moved else p for k, p in enumerate(checked)]
+                text = preflight.late(samples, left)
+                said += [f for one, _ in logged for f in preflight.named([text], one)]
+    return task, checked, said
 
 
 def _left(compared: Sequence[tuple[Record, Parity]], records: Sequence[Record]) -> float:
