@@ -379,7 +379,7 @@ def explain_command(parity: Parity) -> str:
     if parity.read is not None:
         best = sorted(parity.read.kinds.items(), key=lambda kind: -kind[1])
         listed = ", ".join(f"{kind} {r2:.2f}" for kind, r2 in best)
-        tried = f"; no kind of law that was fitted is good enough either, R2: {listed}"
+        tried = f"; no kind of law gives all of it either; R2 of each where it was fitted: {listed}"
         tried += f"{_remains(parity)}; matrices of a state-space law are not looked for: state them"
         tried += " if it is one"
     left = 100.0 * parity.after
