@@ -9,7 +9,7 @@ import ivtools as iv
 from benchmarks import populations
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
-from ivtools.gap import parity
+from ivtools.gap import parity, preflight
 from ivtools.loop import Controller
 from ivtools.loop.axis_file import from_tables
 
@@ -105,6 +105,36 @@ def test_a_limit_that_nobody_declared_holds_the_integrator_as_well(kind):
     sim = cut.simulate(record, theta)
     shown = parity.check(record.replace(q=sim.q, nu=sim.nu), loop)
     assert shown.limit == pytest.approx(limit) and shown.trustworthy and not shown.mismatch
+
+
+def elsewhere(record, samples):
+    """Return a record whose log has the reference that many samples early; late if negative."""
+    k = np.clip(np.arange(record.n_samples) + samples, 0, record.n_samples - 1)
+    dq_ref = None if record.dq_ref is None else record.dq_ref[k]
+    return record.replace(q_ref=record.q_ref[k], dq_ref=dq_ref)
+
+
+@pytest.mark.parametrize("kind", populations.KINDS)
+@pytest.mark.parametrize(("seed", "samples"), [(4, -1), (5, 2)])
+def test_a_reference_that_is_logged_elsewhere_is_no_wrong_controller(kind, seed, samples):
+    """As where the position is late and the reference is not, or a cycle's end is logged."""
+    loop, record = played(kind, "stribeck", seed=seed)
+    found = iv.diagnose(elsewhere(record, samples), loop)
+    assert found.effects == ("stribeck",)
+    when = "1 sample after" if samples < 0 else "2 samples before"
+    assert any(f"the reference is logged {when} the control" in f.text for f in found.findings)
+
+
+@pytest.mark.parametrize("kind", populations.KINDS)
+def test_wrong_gains_are_no_matter_of_where_the_reference_is_logged(kind):
+    for seed in range(3, 9):
+        loop, record = played(kind, seed=seed)
+        rng = np.random.default_rng(seed)
+        name, size = str(rng.choice(loop.controller.mismatches)), rng.uniform(0.02, 0.2)
+        wrong = replace(loop, controller=loop.controller.with_mismatch(**{name: size}))
+        noise = 0.002 * np.std(record.nu) * rng.standard_normal(record.nu.shape)
+        logged = record.replace(nu=record.nu + noise)
+        assert not preflight.misplaced(logged, wrong, parity.check(logged, wrong, read=False))
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("p-pi", 4), ("pi-velocity", 6)])

@@ -121,6 +121,9 @@ REFERENCE_BETTER = 0.7
 #: Samples by which a log is late that are tried where the law explains little as it is; the first,
 #: ahead of the position, where no law can be, wherever the command is not late (judgement).
 LATENESS = (-1, 1, 2)
+#: Samples by which a reference is logged late that are tried where the command is not that of the
+#: settings as declared (judgement: a cycle or two of a controller, and its output).
+MISPLACED = (1, -1, 2, -2, 3, -3)
 #: Samples of the controller per sample of a log that are tried (judgement: drives of up to 20 kHz
 #: that are logged at 1 kHz).
 FASTER = (2, 3, 4, 5, 8, 10, 16, 20)

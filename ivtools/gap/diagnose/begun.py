@@ -187,9 +187,10 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     task, alone = _both_ways(task, loop)
     if task.inspected is None:
         compared, faster = _compared(task, loop)
+        task, compared, put = _in_place(task, loop, compared)
         task, loop, compared, limited = _at_limit(task, loop, compared)
         task, compared, late = _on_time(task, loop, compared)
-        inspected, logged = _inspected(task, loop, compared), [*faster, *limited, *late]
+        inspected, logged = _inspected(task, loop, compared), [*faster, *put, *limited, *late]
     else:
         inspected, logged = task.inspected.under(loop), []
     record, records, given = task.record, task.records, task.given.values()
@@ -277,6 +278,25 @@ def _compared(task: Task, loop: ClosedLoop) -> tuple[list[Parity], list[Finding]
     pairs = zip(given, checked, strict=True)
     same = [p if p.oversampling == rate else parity.check(r, loop, False, rate) for r, p in pairs]
     return same, [preflight.faster(rate)]
+
+
+def _in_place(
+    task: Task, loop: ClosedLoop, checked: list[Parity]
+) -> tuple[Task, list[Parity], list[Finding]]:
+    """Return the task with references where the control law takes them, and what to say.
+
+    And how the law compares with each record then. Joints of a robot have one log.
+    """
+    faster = any(p.oversampling > 1 for p in checked)
+    if faster or task.links or loop.controller.kind == "none":
+        return task, checked, []
+    found, said = list(checked), []
+    for k, (role, one) in enumerate(task.given.items()):
+        if moved := preflight.misplaced(one, loop, checked[k]):
+            task, found[k] = task.with_records({role: moved.record}), moved.checked
+            text = preflight.elsewhere(moved.samples, checked[k].after, moved.checked.after)
+            said += preflight.named([text], one)
+    return task, found, said
 
 
 def _at_limit(

@@ -22,7 +22,7 @@ from .findings import (
     same_axis,
 )
 from .hanging import Hanging, hanging
-from .logged import counted, faster, finer, late, lateness, near, origin
+from .logged import counted, elsewhere, faster, finer, late, lateness, misplaced, near, origin
 from .plausible import doubts
 from .pull import HELD, adrift, followed, lawless, pulled, rings
 
@@ -33,6 +33,7 @@ __all__ = [
     "adrift",
     "counted",
     "doubts",
+    "elsewhere",
     "faster",
     "finer",
     "followed",
@@ -44,6 +45,7 @@ __all__ = [
     "lateness",
     "lawless",
     "limited",
+    "misplaced",
     "named",
     "near",
     "one_way",

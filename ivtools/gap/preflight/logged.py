@@ -2,12 +2,13 @@
 
 A reference with fewer digits: a law that follows the speed differentiates it, and a step of the log
 becomes a speed of a step per sample that nobody asked for. Positions that are counted from far
-away. A command some samples late or early, or one of several.
+away. A command, or a reference, some samples late or early, or one of several.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,8 @@ from ..rules import (
     EDGES,
     LATENESS,
     LAW_BETTER,
+    MISPLACED,
+    PARITY_HEAD,
     PARITY_POOR,
     REFERENCE_BETTER,
     ROUND,
@@ -35,6 +38,8 @@ from ..rules import (
 from .findings import Finding
 
 Array = NDArray[np.float64]
+
+COMMANDS, REFERENCES = ("nu", "tau"), ("q_ref", "dq_ref")
 
 
 def finer(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
@@ -130,11 +135,12 @@ def near(start: float, loop: ClosedLoop) -> Finding:
 
 
 class Moved(NamedTuple):
-    """A record whose command acted some samples before it was logged, after it if negative.
+    """A record whose command, or reference, was some samples before it was logged.
 
     Attributes
     ----------
     samples : int
+        After it if negative.
     record : Record
     checked : Parity
     """
@@ -144,9 +150,11 @@ class Moved(NamedTuple):
     checked: Parity
 
     @classmethod
-    def by(cls, samples: int, record: Record, loop: ClosedLoop) -> Moved:
-        """Move the command of a record."""
-        other = earlier(record, samples)
+    def by(
+        cls, samples: int, record: Record, loop: ClosedLoop, names: Iterable[str] = COMMANDS
+    ) -> Moved:
+        """Move the command of a record, or signals of other names."""
+        other = earlier(record, samples, names)
         return cls(samples, other, parity.check(other, loop, read=False, oversampling=1))
 
 
@@ -168,11 +176,44 @@ def lateness(record: Record, loop: ClosedLoop, checked: Parity) -> Moved | None:
     return None if poor or not late else tried.get(late) or Moved.by(late, record, loop)
 
 
-def earlier(record: Record, samples: int) -> Record:
-    """Return a record whose command acted some samples before it was logged; later if negative."""
+def misplaced(record: Record, loop: ClosedLoop, checked: Parity) -> Moved | None:
+    """Return a record with its reference by as many samples elsewhere as it may have been logged.
+
+    Before or after the controller takes it, or late as the position is, which it need not be. It is
+    if the law explains the command so with all its settings as declared, better than with others.
+    """
+    if not checked.mismatch and checked.after <= PARITY_POOR:
+        return None
+    limit = checked.loop.controller.limit
+    law = replace(loop.controller, limit=limit)
+    here = parity.Signals(record, loop).error(
+        checked.loop.controller, checked.delay, checked.mismatch.get("added", 0.0)
+    )
+    tried = {0: _rms(here)}
+    for samples in MISPLACED:
+        other = earlier(record, samples, REFERENCES)
+        tried[samples] = _rms(parity.Signals(other, loop).error(law, law.delay, 0.0))
+    best = min(tried, key=lambda samples: tried[samples])
+    if not best:
+        return None
+    moved = Moved.by(best, record, loop, REFERENCES)
+    right = not moved.checked.mismatch and moved.checked.delay == law.delay
+    return moved if right and moved.checked.after < checked.after else None
+
+
+def _rms(error: Array) -> float:
+    """Return the size of a parity error, less what depends on the time before the record."""
+    return float(np.sqrt(np.mean(error[PARITY_HEAD:] ** 2)))
+
+
+def earlier(record: Record, samples: int, names: Iterable[str] = COMMANDS) -> Record:
+    """Return a record whose command was some samples before it was logged; later if negative.
+
+    Or other signals, of these names.
+    """
     start, stop = max(-samples, 0), record.n_samples - max(samples, 0)
     part, signals = record.slice(start, stop), {}
-    for name in ("nu", "tau"):
+    for name in names:
         if (whole := getattr(record, name)) is not None:
             signals[name] = whole[start + samples : stop + samples]
     return part.replace(**signals)
@@ -193,6 +234,25 @@ def late(samples: int, left: float) -> Finding:
         f"the command is logged {count} {'after' if samples > 0 else 'before'} it acts: with the "
         f"log put right the base model's force error is {100 * left:.2g} % of what it is with a "
         "controller of that delay"
+    )
+    return Finding(text, fatal=False)
+
+
+def elsewhere(samples: int, before: float, after: float) -> Finding:
+    """Return what to say of a reference that was logged before or after the controller takes it.
+
+    Parameters
+    ----------
+    samples : int
+        After it; before it if negative.
+    before, after : float
+        Relative parity error with other settings, and with the reference put right.
+    """
+    count = plural(abs(samples), "sample")
+    text = (
+        f"the reference is logged {count} {'after' if samples > 0 else 'before'} the control law "
+        f"takes it: put right, the law with its settings as declared leaves {100 * after:.2g} % of "
+        f"the command, at best {100 * before:.2g} % as logged"
     )
     return Finding(text, fatal=False)
 
