@@ -125,6 +125,17 @@ def test_a_reference_that_is_logged_elsewhere_is_no_wrong_controller(kind, seed,
     assert any(f"the reference is logged {when} the control" in f.text for f in found.findings)
 
 
+def test_where_a_reference_is_logged_one_record_tells_for_both():
+    """In noise of a hundredth of the command a filter twice as large does as well."""
+    loop, record = played("pi-velocity", "stribeck", seed=6)
+    noise = np.random.default_rng(1).normal(0.0, 0.01 * np.std(record.nu), record.nu.shape)
+    one, two = (elsewhere(r, -1) for r in (record, record.replace(nu=record.nu + noise)))
+    clear, noisy = (parity.check(r, loop, read=False) for r in (one, two))
+    assert preflight.misplaced(one, loop, clear).samples == 1
+    assert preflight.misplaced(two, loop, noisy) is None
+    assert preflight.misplaced(two, loop, noisy, 1).samples == 1
+
+
 @pytest.mark.parametrize("kind", populations.KINDS)
 def test_wrong_gains_are_no_matter_of_where_the_reference_is_logged(kind):
     for seed in range(3, 9):

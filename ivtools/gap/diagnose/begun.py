@@ -290,11 +290,16 @@ def _in_place(
     faster = any(p.oversampling > 1 for p in checked)
     if faster or task.links or loop.controller.kind == "none":
         return task, checked, []
+    roles, given = zip(*task.given.items(), strict=True)
+    moved = [preflight.misplaced(one, loop, p) for one, p in zip(given, checked, strict=True)]
+    if not any(moved):
+        return task, checked, []
+    known = min(filter(None, moved), key=lambda one: one.checked.after).samples
     found, said = list(checked), []
-    for k, (role, one) in enumerate(task.given.items()):
-        if moved := preflight.misplaced(one, loop, checked[k]):
-            task, found[k] = task.with_records({role: moved.record}), moved.checked
-            text = preflight.elsewhere(moved.samples, checked[k].after, moved.checked.after)
+    for k, (role, one) in enumerate(zip(roles, given, strict=True)):
+        if own := moved[k] or preflight.misplaced(one, loop, checked[k], known):
+            task, found[k] = task.with_records({role: own.record}), own.checked
+            text = preflight.elsewhere(own.samples, checked[k].after, own.checked.after)
             said += preflight.named([text], one)
     return task, found, said
 

@@ -24,6 +24,7 @@ from .. import parity
 from ..parity import Parity
 from ..rules import (
     EDGES,
+    GAIN_NEEDED,
     LATENESS,
     LAW_BETTER,
     MISPLACED,
@@ -176,29 +177,34 @@ def lateness(record: Record, loop: ClosedLoop, checked: Parity) -> Moved | None:
     return None if poor or not late else tried.get(late) or Moved.by(late, record, loop)
 
 
-def misplaced(record: Record, loop: ClosedLoop, checked: Parity) -> Moved | None:
+def misplaced(record: Record, loop: ClosedLoop, checked: Parity, known: int = 0) -> Moved | None:
     """Return a record with its reference by as many samples elsewhere as it may have been logged.
 
     Before or after the controller takes it, or late as the position is, which it need not be. It is
-    if the law explains the command so with all its settings as declared, better than with others.
+    if the law explains the command so with all its settings as declared, better than with others;
+    where another record of the axis has it, as `known`, noise may hide it, and as well is enough.
     """
     if not checked.mismatch and checked.after <= PARITY_POOR:
         return None
-    limit = checked.loop.controller.limit
-    law = replace(loop.controller, limit=limit)
-    here = parity.Signals(record, loop).error(
-        checked.loop.controller, checked.delay, checked.mismatch.get("added", 0.0)
-    )
-    tried = {0: _rms(here)}
-    for samples in MISPLACED:
+    law = replace(loop.controller, limit=checked.loop.controller.limit)
+
+    def left(samples: int) -> float:
+        """Return the parity error of the law as declared, with the reference moved."""
         other = earlier(record, samples, REFERENCES)
-        tried[samples] = _rms(parity.Signals(other, loop).error(law, law.delay, 0.0))
-    best = min(tried, key=lambda samples: tried[samples])
-    if not best:
+        return _rms(parity.Signals(other, loop).error(law, law.delay, 0.0))
+
+    found = known
+    if not known:
+        put_right, added = checked.loop.controller, checked.mismatch.get("added", 0.0)
+        here = parity.Signals(record, loop).error(put_right, checked.delay, added)
+        tried = {0: _rms(here), **{samples: left(samples) for samples in MISPLACED}}
+        found = min(tried, key=lambda samples: tried[samples])
+    if not found:
         return None
-    moved = Moved.by(best, record, loop, REFERENCES)
+    moved = Moved.by(found, record, loop, REFERENCES)
     right = not moved.checked.mismatch and moved.checked.delay == law.delay
-    return moved if right and moved.checked.after < checked.after else None
+    most = checked.after * (GAIN_NEEDED if known else 1.0)
+    return moved if right and moved.checked.after < most else None
 
 
 def _rms(error: Array) -> float:
