@@ -53,6 +53,7 @@ from .rules import (
     NOISY_GAIN,
     ON_GRID,
     ONE_PLACE,
+    OVER_LIMIT,
     PARITY_BLOCKS,
     PARITY_HEAD,
     PARITY_POOR,
@@ -308,7 +309,8 @@ def at_limit(
     ends = ANTI_WINDUP if clamped.law(dt).hold.any() else (law.anti_windup,)
     laws = [replace(law, anti_windup=end) for end in ends]
     ways = [(list(records), one) for one in laws if one != law]
-    if any(r.added is not None and r.added.any() for r in records):
+    added = any(r.added is not None and r.added.any() for r in records)
+    if added and not any(_beyond(loop.command(r), law.limit) for r in records):
         summed = [_summed(r, law.delay) for r in records]
         fed = {**law.feedforward, SUMMED: 1.0}
         ways += [(summed, replace(one, feedforward=fed)) for one in laws]
@@ -324,6 +326,11 @@ def at_limit(
     best = min(tried, key=left, default=declared)
     limited = any(p.clipped for p in best[2])
     return best if limited and left(best) < LAW_BETTER * left(declared) else declared
+
+
+def _beyond(command: Array, limit: float) -> bool:
+    """Whether a command exceeds what it is said to be limited to, with its added input."""
+    return int(np.sum(np.abs(command) > OVER_LIMIT * limit)) >= LIMIT_SAMPLES
 
 
 def _summed(record: Record, delay: int) -> Record:
