@@ -104,7 +104,7 @@ def test_what_an_integrator_does_at_a_limit_is_shown_by_records(loop, does):
     sim = replace(loop, controller=known).simulate(given, THETA, initial="rest", quantum=5e-8)
     record = given.replace(q=sim.q, nu=sim.nu)
     checked = [parity.check(record, free, read=False)]
-    _, other, found = parity.at_limit([record], free, checked, 1)
+    _, other, found = parity.at_limit([record], free, checked)
     assert checked[0].after > 0.1 and other.controller.anti_windup == does
     assert found[0].limit == pytest.approx(4.0) and found[0].after < 1e-6
     assert not found[0].mismatch
@@ -112,7 +112,7 @@ def test_what_an_integrator_does_at_a_limit_is_shown_by_records(loop, does):
     sim = fed.simulate(given, THETA, initial="rest", quantum=5e-8)
     checked = [parity.check(given.replace(q=sim.q, nu=sim.nu), free, read=False)]
     assert checked[0].after > 0.02  # of another cause
-    assert parity.at_limit([given.replace(q=sim.q, nu=sim.nu)], free, checked, 1)[1] is free
+    assert parity.at_limit([given.replace(q=sim.q, nu=sim.nu)], free, checked)[1] is free
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_an_added_input_that_goes_through_the_limit_is_told(loop, ki, does, dela
     record = given.replace(q=sim.q, nu=sim.nu, added=added)
     checked = [parity.check(record, free, read=False)]
     assert checked[0].after > 0.02
-    (other,), shown, found = parity.at_limit([record], free, checked, 1)
+    (other,), shown, found = parity.at_limit([record], free, checked)
     assert other.added is None and found[0].after < 1e-6
     assert shown.controller.feedforward == {"pulses": 1.0} and shown.controller.anti_windup == does
     assert found[0].limit == pytest.approx(4.5) and not found[0].mismatch

@@ -198,8 +198,7 @@ def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
     signals, limit, at_limit = _limit(signals, loop.controller)
     free = ~at_limit
-    size = np.linalg.norm(signals.command[PARITY_HEAD:])
-    if np.linalg.norm(declared[PARITY_HEAD:]) > ROUNDING * size:
+    if signals.share(declared) > ROUNDING:
         kept, delay = _best_delay(signals, loop.controller, free)
     else:
         kept, delay = {}, loop.controller.delay
@@ -207,8 +206,8 @@ def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
     error = signals.error(controller, delay, kept.get("added", 0.0))
     found = Parity(
         loop=replace(loop, controller=controller),
-        before=float(np.linalg.norm(declared[PARITY_HEAD:]) / size),
-        after=float(np.linalg.norm(error[PARITY_HEAD:]) / size),
+        before=signals.share(declared),
+        after=signals.share(error),
         declared=loop.controller,
         mismatch=kept,
         clipped=float(np.mean(at_limit)),
@@ -262,8 +261,7 @@ def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> 
         return found
     limit = loop.controller.limit if found.limit is None else found.limit
     law = replace(fit.controller, limit=limit)
-    error = signals.error(law, law.delay, 0.0)[PARITY_HEAD:]
-    after = float(np.linalg.norm(error) / np.linalg.norm(signals.command[PARITY_HEAD:]))
+    after = signals.share(signals.error(law, law.delay, 0.0))
     left = 1.0 - fit.r2 if fit.low_pass else after**2
     better = left < LAW_BETTER * found.after**2
     if not better or fit.r2 < LAW_R2:
@@ -293,7 +291,7 @@ def _differences(declared: Controller, law: Controller, fit: ControllerFit) -> d
 
 
 def at_limit(
-    records: Sequence[Record], loop: ClosedLoop, checked: Sequence[Parity], oversampling: int
+    records: Sequence[Record], loop: ClosedLoop, checked: Sequence[Parity]
 ) -> tuple[list[Record], ClosedLoop, list[Parity]]:
     """Return how records show that the command was limited: they, the loop, and their parity.
 
@@ -303,14 +301,14 @@ def at_limit(
     """
     law, dt = loop.controller, records[0].dt
     declared = list(records), loop, list(checked)
-    if law.kind in ("none", "identify") or max(p.after for p in checked) <= PARITY_POOR:
+    if max(p.after for p in checked) <= PARITY_POOR:
         return declared
     clamped = replace(law, anti_windup="clamp")
     ends = ANTI_WINDUP if clamped.law(dt).hold.any() else (law.anti_windup,)
     laws = [replace(law, anti_windup=end) for end in ends]
     ways = [(list(records), one) for one in laws if one != law]
     added = any(r.added is not None and r.added.any() for r in records)
-    if added and not any(_beyond(loop.command(r), law.limit) for r in records):
+    if added and not any(beyond(loop.command(r), law.limit) for r in records):
         summed = [_summed(r, law.delay) for r in records]
         fed = {**law.feedforward, SUMMED: 1.0}
         ways += [(summed, replace(one, feedforward=fed)) for one in laws]
@@ -321,15 +319,15 @@ def at_limit(
     tried = []
     for given, one in ways:
         other = replace(loop, controller=one)
-        found = [check(r, other, False, oversampling) for r in given]
+        found = [check(r, other, read=False, oversampling=1) for r in given]
         tried.append((given, other, found))
     best = min(tried, key=left, default=declared)
     limited = any(p.clipped for p in best[2])
     return best if limited and left(best) < LAW_BETTER * left(declared) else declared
 
 
-def _beyond(command: Array, limit: float) -> bool:
-    """Whether a command exceeds what it is said to be limited to, with its added input."""
+def beyond(command: Array, limit: float) -> bool:
+    """Whether a command, (n_samples, ...), exceeds what it is said to be limited to."""
     return int(np.sum(np.abs(command) > OVER_LIMIT * limit)) >= LIMIT_SAMPLES
 
 
@@ -415,6 +413,11 @@ class Signals:
         law, seen = controller.law(self.dt), self.seen(controller)
         with np.errstate(over="ignore", invalid="ignore"):
             return _finite(seen.expected(law, delay, self.limit, self.least))
+
+    def share(self, error: Array) -> float:
+        """Return the size of a parity error, (n,), over that of the command, 1."""
+        left, whole = (float(np.linalg.norm(x[PARITY_HEAD:])) for x in (error, self.command))
+        return left / whole
 
     def error(self, controller: Controller, delay: int, added: float) -> Array:
         """Return recorded minus expected command, (n,)."""

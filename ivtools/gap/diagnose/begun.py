@@ -186,11 +186,8 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     task, loop, note = _followed(task)
     task, alone = _both_ways(task, loop)
     if task.inspected is None:
-        compared, faster = _compared(task, loop)
-        task, compared, put = _in_place(task, loop, compared)
-        task, loop, compared, limited = _at_limit(task, loop, compared)
-        task, compared, late = _on_time(task, loop, compared)
-        inspected, logged = _inspected(task, loop, compared), [*faster, *put, *limited, *late]
+        task, loop, compared, logged = _as_it_acted(task, loop)
+        inspected = _inspected(task, loop, compared)
     else:
         inspected, logged = task.inspected.under(loop), []
     record, records, given = task.record, task.records, task.given.values()
@@ -280,16 +277,29 @@ def _compared(task: Task, loop: ClosedLoop) -> tuple[list[Parity], list[Finding]
     return same, [preflight.faster(rate)]
 
 
+def _as_it_acted(
+    task: Task, loop: ClosedLoop
+) -> tuple[Task, ClosedLoop, list[Parity], list[Finding]]:
+    """Return the task and the loop as the controller acted, how they compare, and what to say.
+
+    Joints of a robot have one log, and one controller.
+    """
+    compared, faster = _compared(task, loop)
+    if faster or task.links or loop.controller.kind == "none":
+        return task, loop, compared, faster
+    task, compared, put = _in_place(task, loop, compared)
+    task, loop, compared, limited = _at_limit(task, loop, compared)
+    task, compared, late = _on_time(task, loop, compared)
+    return task, loop, compared, [*put, *limited, *late]
+
+
 def _in_place(
     task: Task, loop: ClosedLoop, checked: list[Parity]
 ) -> tuple[Task, list[Parity], list[Finding]]:
     """Return the task with references where the control law takes them, and what to say.
 
-    And how the law compares with each record then. Joints of a robot have one log.
+    And how the law compares with each record then.
     """
-    faster = any(p.oversampling > 1 for p in checked)
-    if faster or task.links or loop.controller.kind == "none":
-        return task, checked, []
     roles, given = zip(*task.given.items(), strict=True)
     moved = [preflight.misplaced(one, loop, p) for one, p in zip(given, checked, strict=True)]
     if not any(moved):
@@ -307,15 +317,9 @@ def _in_place(
 def _at_limit(
     task: Task, loop: ClosedLoop, compared: list[Parity]
 ) -> tuple[Task, ClosedLoop, list[Parity], list[Finding]]:
-    """Return the task and the loop as the records show their command limited, and what to say.
-
-    A joint's controller is its robot's.
-    """
-    if task.links:
-        return task, loop, compared, []
+    """Return the task and the loop as the records show their command limited, and what to say."""
     roles, given = zip(*task.given.items(), strict=True)
-    rate = max(p.oversampling for p in compared)
-    records, other, checked = parity.at_limit(given, loop, compared, rate)
+    records, other, checked = parity.at_limit(given, loop, compared)
     if other is loop:
         return task, loop, compared, []
     before, after = (max(p.after for p in each) for each in (compared, checked))
@@ -333,12 +337,8 @@ def _on_time(
     A command that follows the position by other samples than the axis file says was given at
     another time, or logged at another time: the simulated loop tells, for only the first turns its
     phase. Logged it is if the base model leaves less then (training: all but one of 147 logs that
-    are late or early do, and one of 40 whose axis file has another delay). Joints of a robot have
-    one log, and no loop of their own to tell by.
+    are late or early do, and one of 40 whose axis file has another delay).
     """
-    faster = any(p.oversampling > 1 for p in checked)
-    if faster or task.links or loop.controller.kind == "none":
-        return task, checked, []
     roles, given = zip(*task.given.items(), strict=True)
     said: list[Finding] = []
     late = threaded(preflight.lateness, given, [loop] * len(given), checked)

@@ -21,7 +21,7 @@ from ...record import Record
 from ...units import JOINTS
 from ..fit import Fit
 from ..fold import usable
-from ..parity import SUMMED, Parity
+from ..parity import SUMMED, Parity, beyond
 from ..rules import (
     ALONG,
     FOLLOWS,
@@ -29,7 +29,6 @@ from ..rules import (
     INERTIA_RANGE,
     LEAST_SAMPLES,
     LEAST_TIME,
-    LIMIT_SAMPLES,
     LOOK_WIDTH,
     LOOKS,
     LOST,
@@ -38,7 +37,6 @@ from ..rules import (
     ONE_WAY,
     OPEN_LOOP,
     OTHER_VALUE,
-    OVER_LIMIT,
     OVERLAP,
     PARITY_POOR,
     SAME_AXIS,
@@ -196,7 +194,7 @@ def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]
     own = np.abs(loop.command(record) - (record.added if record.added is not None else 0.0))
     size = np.minimum(whole, own)  # whether the added input is in the command or not
     top = float(np.max(size))
-    if np.sum(size > OVER_LIMIT * limit) >= LIMIT_SAMPLES:
+    if beyond(size, limit):
         text = f"the recorded command reaches {top:.4g}, the axis file says that it is limited to "
         remedy = "check the unit of nu, and [controller] limit"
         if top <= WRONG_UNIT * limit:

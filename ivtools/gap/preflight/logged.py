@@ -27,8 +27,8 @@ from ..rules import (
     GAIN_NEEDED,
     LATENESS,
     LAW_BETTER,
+    LAW_ERROR,
     MISPLACED,
-    PARITY_HEAD,
     PARITY_POOR,
     REFERENCE_BETTER,
     ROUND,
@@ -181,35 +181,23 @@ def misplaced(record: Record, loop: ClosedLoop, checked: Parity, known: int = 0)
     """Return a record with its reference by as many samples elsewhere as it may have been logged.
 
     Before or after the controller takes it, or late as the position is, which it need not be. It is
-    if the law explains the command so with all its settings as declared, better than with others;
-    where another record of the axis has it, as `known`, noise may hide it, and as well is enough.
+    if the law explains the command so with all its settings as declared, better than with others,
+    or much better than it does as logged; where another record of the axis has it, as `known`,
+    noise may hide it, and as well is enough.
     """
     if not checked.mismatch and checked.after <= PARITY_POOR:
         return None
     law = replace(loop.controller, limit=checked.loop.controller.limit)
 
     def left(samples: int) -> float:
-        """Return the parity error of the law as declared, with the reference moved."""
-        other = earlier(record, samples, REFERENCES)
-        return _rms(parity.Signals(other, loop).error(law, law.delay, 0.0))
+        """Return the relative parity error of the law as declared, with the reference moved."""
+        signals = parity.Signals(earlier(record, samples, REFERENCES), loop)
+        return signals.share(signals.error(law, law.delay, 0.0))
 
-    found = known
-    if not known:
-        put_right, added = checked.loop.controller, checked.mismatch.get("added", 0.0)
-        here = parity.Signals(record, loop).error(put_right, checked.delay, added)
-        tried = {0: _rms(here), **{samples: left(samples) for samples in MISPLACED}}
-        found = min(tried, key=lambda samples: tried[samples])
-    if not found:
-        return None
-    moved = Moved.by(found, record, loop, REFERENCES)
+    moved = Moved.by(known or min(MISPLACED, key=left), record, loop, REFERENCES)
+    much = GAIN_NEEDED if known else 1.0 if checked.mismatch else LAW_BETTER**0.5
     right = not moved.checked.mismatch and moved.checked.delay == law.delay
-    most = checked.after * (GAIN_NEEDED if known else 1.0)
-    return moved if right and moved.checked.after < most else None
-
-
-def _rms(error: Array) -> float:
-    """Return the size of a parity error, less what depends on the time before the record."""
-    return float(np.sqrt(np.mean(error[PARITY_HEAD:] ** 2)))
+    return moved if right and moved.checked.after < min(much * checked.after, LAW_ERROR) else None
 
 
 def earlier(record: Record, samples: int, names: Iterable[str] = COMMANDS) -> Record:
