@@ -10,6 +10,7 @@ from benchmarks import moves
 from ivtools.gap import between, parity, preflight
 from ivtools.gap.fold import stepped
 from ivtools.gap.preflight import logged
+from ivtools.gap.rules import PARITY_HEAD
 from ivtools.loop import Controller
 from ivtools.plots.parity import parity_chart
 from ivtools.suitability import suitability
@@ -199,7 +200,7 @@ def test_a_first_look_compares_the_law_at_its_rate():
     left = []
     for rate in (1, 4):
         chart = parity_chart(found.record, loop, caption="", oversampling=rate)
-        left.append(np.std(chart.panels[1].series[0].values[parity.PARITY_HEAD :]))
+        left.append(np.std(chart.panels[1].series[0].values[PARITY_HEAD:]))
     assert left[1] < 0.1 * left[0]
 
 

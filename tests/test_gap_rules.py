@@ -34,7 +34,7 @@ HARMLESS = {
     "floor/events.py": {1.4826},  # normal deviation of a median one
     "floor/floor.py": {9.0},  # of Wilson, Hilferty
     "page.py": {0.1, 10.0},  # digits of a share
-    "parity.py": {1e-3},  # a finite difference
+    "parity/gains.py": {1e-3},  # a finite difference
     "verdict/answer.py": {0.01},  # per cent
 }
 SECONDS = 16.0

@@ -1,0 +1,330 @@
+"""Compared: the recorded command against the law, as declared, as corrected, and as it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import IVToolsError
+from ...loop import ClosedLoop, Controller
+from ...loop.controllers import ANTI_WINDUP
+from ...loop.identification import ControllerFit
+from ...record import Record
+from ..between import interpolated
+from ..rules import (
+    FASTER,
+    FASTER_LATE,
+    FASTER_TOLD,
+    GAIN_ERROR,
+    GROSS_GAIN,
+    LAW_BETTER,
+    LAW_ERROR,
+    LAW_R2,
+    LIMIT_LEAVES,
+    NOISY_GAIN,
+    ONE_PLACE,
+    PARITY_HEAD,
+    PARITY_POOR,
+    ROUNDING,
+)
+from .gains import best_delay, corrected
+from .limit import beyond, limit_of
+from .signals import Signals
+
+Array = NDArray[np.float64]
+
+SUMMED = "pulses"  # name of a column: an added input that goes through the limit
+
+
+@dataclass(frozen=True)
+class Parity:
+    """What the controller shows.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+        The loop with the controller that the record shows.
+    before, after : float
+        Relative parity error as declared and as found, 1.
+    declared : Controller
+        The controller of the axis file.
+    mismatch : mapping
+        Relative errors of the settings, those that are significant.
+    clipped : float
+        Share of the samples in which the command sits at its limit.
+    read : ControllerFit or None
+        The law that the record shows, looked for where the declared one, its settings put right,
+        leaves more than `PARITY_POOR`.
+    taken : bool
+        Whether it is taken instead: it explains the command, and much better.
+    at : float or None
+        Time, s, around which nearly all of the error lies that is left; None if there is none such.
+    oversampling : int
+        Samples of the controller from one sample of the log to the next.
+    """
+
+    loop: ClosedLoop
+    before: float
+    after: float
+    declared: Controller
+    mismatch: dict[str, float]
+    clipped: float
+    read: ControllerFit | None = None
+    taken: bool = False
+    at: float | None = None
+    oversampling: int = 1
+
+    @property
+    def delay(self) -> int:
+        """Samples from the measured position to the recorded command."""
+        return self.loop.controller.delay
+
+    @property
+    def limit(self) -> float | None:
+        """A limit of the command below the declared one, if there is one."""
+        limit = self.loop.controller.limit
+        return limit if limit < self.declared.limit else None
+
+    @property
+    def trustworthy(self) -> bool:
+        """Whether the law, as corrected or read from the record, reproduces the command."""
+        return self.after < LAW_ERROR or self.taken
+
+    @property
+    def found(self) -> dict[str, float]:
+        """What the axis file has not: relative errors, feed-forwards, or another law's gains."""
+        if not self.taken:
+            return self.mismatch
+        law = self.loop.controller
+        fed = {f"feedforward.{k}": v for k, v in law.feedforward.items()}
+        fed |= {f"feedback.{k}": v for k, v in law.feedback.items()}
+        if law.kind == self.declared.kind:
+            known = {*self.declared.mismatches}
+            return {**self.mismatch, **{k: v for k, v in fed.items() if k not in known}}
+        own = {f"law.{k}": float(v) for k, v in law.settings.items() if np.ndim(v) == 0}
+        return own | fed
+
+
+def at_rate(loop: ClosedLoop) -> int:
+    """Return the oversampling that is known of a declared loop; 0: its records show it.
+
+    A law that is identified has the rate of the log that it was identified from.
+    """
+    return int(loop.controller.kind == "identify")
+
+
+def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int = 0) -> Parity:
+    """Compare the recorded command with the law fed with the measured position.
+
+    Parameters
+    ----------
+    record : Record
+        With a reference.
+    loop : ClosedLoop
+        Its controller is the one declared.
+    read : bool
+        Whether the record is asked for its own law where the declared one explains little.
+    oversampling : int
+        Samples of the controller per sample of the log; 0: as the record shows.
+
+    Returns
+    -------
+    Parity
+    """
+    found = _compared(record, loop, read, oversampling)
+    extra = 0.0 if found.taken else found.mismatch.get("added", 0.0)
+    if abs(extra) <= GROSS_GAIN:
+        return found
+    # of another size or sign, it hides where the law sits at its limit: as it acts, once more
+    assert record.added is not None
+    known = replace(record, added=(1.0 + extra) * record.added)
+    again = _compared(known, loop, read, oversampling)
+    more = again.mismatch.get("added", 0.0)
+    return replace(
+        again,
+        before=found.before,
+        mismatch={**again.mismatch, "added": (1.0 + extra) * (1.0 + more) - 1.0},
+    )
+
+
+def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -> Parity:
+    """Compare them, the added input being what was recorded; read another law if that is asked."""
+    if oversampling > 1:
+        return replace(
+            _checked(interpolated(record, oversampling), loop)[0], oversampling=oversampling
+        )
+    found, signals = _checked(record, loop)
+    found = found if oversampling else _between(record, loop, found)
+    limited = found.limit is not None and found.after**2 < LIMIT_LEAVES  # behind it it is right
+    known = not read or limited or found.oversampling > 1 or found.after <= PARITY_POOR
+    return found if known else _read(found, signals, record, loop)
+
+
+def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
+    """Return how the declared law compares, and the signals, which know their limit."""
+    signals = Signals(record, loop)
+    declared = signals.error(loop.controller, loop.controller.delay, 0.0)
+    signals, limit, clipped = limit_of(signals, loop.controller)
+    free = ~clipped
+    if signals.share(declared) > ROUNDING:
+        kept, delay = best_delay(signals, loop.controller, free)
+    else:
+        kept, delay = {}, loop.controller.delay
+    controller = corrected(loop.controller, delay, kept, limit)
+    error = signals.error(controller, delay, kept.get("added", 0.0))
+    found = Parity(
+        loop=replace(loop, controller=controller),
+        before=signals.share(declared),
+        after=signals.share(error),
+        declared=loop.controller,
+        mismatch=kept,
+        clipped=float(np.mean(clipped)),
+        at=_once(error, record.t),
+    )
+    return found, signals
+
+
+def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
+    """Return how the law compares if its controller takes several samples for each of the log.
+
+    It does if the law explains more between the samples, with all its settings as declared, than
+    it does with others at the samples.
+    """
+    declared = loop.controller.delay
+    if found.after <= ROUNDING or not (found.mismatch or found.delay != declared):
+        return found
+    limited = replace(loop.controller, limit=found.loop.controller.limit)
+    part = record.liveliest(FASTER_TOLD)
+    added = found.mismatch.get("added", 0.0)
+    here = Signals(part, loop)
+    left = here.error(found.loop.controller, found.delay, added)[PARITY_HEAD:]
+    most = min(np.linalg.norm(left), LAW_ERROR * np.linalg.norm(here.command[PARITY_HEAD:]))
+    tried = {}
+    for count in FASTER:
+        fine = Signals(interpolated(part, count), loop)
+        error = fine.error(limited, declared, 0.0)[count * PARITY_HEAD :: count]
+        tried[count] = float(np.linalg.norm(error))
+    count = min(tried, key=lambda n: tried[n])
+    if tried[count] < most:
+        one, _ = _checked(interpolated(record, count), loop)
+        if not one.mismatch and abs(one.delay - declared) < FASTER_LATE * count:
+            law = replace(one.loop.controller, delay=declared)
+            return replace(one, loop=replace(loop, controller=law), oversampling=count)
+    return found
+
+
+def _once(error: Array, t: Array) -> float | None:
+    """Return the time around which nearly all of an error lies, s, if there is one."""
+    energy = np.append(0.0, np.cumsum(error[PARITY_HEAD:] ** 2))
+    k = int(np.argmax(np.abs(error[PARITY_HEAD:])))
+    near = energy[min(k + PARITY_HEAD, len(energy) - 1)] - energy[max(k - PARITY_HEAD, 0)]
+    return float(t[PARITY_HEAD + k]) if near > ONE_PLACE * energy[-1] else None
+
+
+def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> Parity:
+    """Return the parity with the law that the record shows, if that explains more."""
+    try:
+        fit = loop.identify_controller(record)[1]
+    except IVToolsError:
+        return found
+    limit = loop.controller.limit if found.limit is None else found.limit
+    law = replace(fit.controller, limit=limit)
+    after = signals.share(signals.error(law, law.delay, 0.0))
+    left = 1.0 - fit.r2 if fit.low_pass else after**2
+    better = left < LAW_BETTER * found.after**2
+    if not better or fit.r2 < LAW_R2:
+        return replace(found, read=fit)
+    same = law.kind == loop.controller.kind
+    mismatch = _differences(loop.controller, law, fit) if same else {}
+    return replace(
+        found,
+        loop=replace(loop, controller=law),
+        after=after,
+        mismatch=mismatch,
+        read=fit,
+        taken=True,
+    )
+
+
+def _differences(declared: Controller, law: Controller, fit: ControllerFit) -> dict[str, float]:
+    """Return relative errors of the settings that two laws of a kind have in common."""
+    least = NOISY_GAIN if fit.low_pass else GAIN_ERROR
+    pairs = {
+        k: (float(declared.full[k]), float(law.full[k]))
+        for k in declared.mismatches
+        if k in declared.full and k in law.full
+    }
+    found = {k: new / old - 1.0 for k, (old, new) in pairs.items() if old}
+    return {k: v for k, v in found.items() if abs(v) > least}
+
+
+def at_limit(
+    records: Sequence[Record], loop: ClosedLoop, checked: Sequence[Parity]
+) -> tuple[list[Record], ClosedLoop, list[Parity]]:
+    """Return how records show that the command was limited: they, the loop, and their parity.
+
+    Whoever has not stated a limit has not stated what an integrator does there either, nor whether
+    an added input goes through it: if so, it is a feed-forward, `SUMMED`. What is declared stays
+    where it explains the command, or nothing else does much better.
+    """
+    law, dt = loop.controller, records[0].dt
+    declared = list(records), loop, list(checked)
+    if max(p.after for p in checked) <= PARITY_POOR:
+        return declared
+    clamped = replace(law, anti_windup="clamp")
+    ends = ANTI_WINDUP if clamped.law(dt).hold.any() else (law.anti_windup,)
+    laws = [replace(law, anti_windup=end) for end in ends]
+    ways = [(list(records), one) for one in laws if one != law]
+    added = any(r.added is not None and r.added.any() for r in records)
+    if added and not any(beyond(loop.command(r), law.limit) for r in records):
+        summed = [_summed(r, law.delay) for r in records]
+        fed = {**law.feedforward, SUMMED: 1.0}
+        ways += [(summed, replace(one, feedforward=fed)) for one in laws]
+
+    def left(tried: tuple[list[Record], ClosedLoop, list[Parity]]) -> float:
+        return sum(p.after**2 for p in tried[2])
+
+    tried = []
+    for given, one in ways:
+        other = replace(loop, controller=one)
+        found = [check(r, other, read=False, oversampling=1) for r in given]
+        tried.append((given, other, found))
+    best = min(tried, key=left, default=declared)
+    limited = any(p.clipped for p in best[2])
+    return best if limited and left(best) < LAW_BETTER * left(declared) else declared
+
+
+def _summed(record: Record, delay: int) -> Record:
+    """Return a record whose added input is one that the law itself adds, as early as it is late."""
+    n = record.n_samples
+    added = np.zeros(n) if record.added is None else record.added[:, 0]
+    column = np.concatenate([added[delay:], np.zeros(min(delay, n))])
+    return record.replace(added=None, extra={**record.extra, SUMMED: column})
+
+
+def relative(checked: Sequence[Parity], setting: str) -> bool:
+    """Whether what records show of a setting is the relative error of one that was declared."""
+    shown = [p for p in checked if setting in p.found]
+    return bool(shown) and all(setting in (*p.mismatch, "added") for p in shown)
+
+
+def effects(
+    checked: tuple[Parity, ...],
+) -> tuple[list[str], dict[str, dict[str, float]]]:
+    """Return what the controller itself shows, decided at parity level."""
+    effects, values = [], {}
+    limits = [p.limit for p in checked if p.limit is not None]
+    if limits:
+        effects.append("saturation")
+        values["saturation"] = {"limit": float(np.mean(limits))}
+    found = [p.found for p in checked]
+    names = {n for values in found for n in values}
+    if names:
+        effects.append("controller-mismatch")
+        values["controller-mismatch"] = {
+            n: float(np.mean([values[n] for values in found if n in values])) for n in sorted(names)
+        }
+    return effects, values
