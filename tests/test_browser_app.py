@@ -76,11 +76,14 @@ def fault(chrome, step: str) -> str:
 
 
 def taken(downloads: Path, name: str) -> str:
+    """What was downloaded as `name`: the browser keeps the name with an empty file, and moves the
+    whole one there in the end."""
+    file = downloads / name
     end = time.monotonic() + 60
-    while not (downloads / name).exists():
+    while not (file.exists() and file.stat().st_size):
         assert time.monotonic() < end, f"{name} was not downloaded"
         time.sleep(0.1)
-    return (downloads / name).read_text()
+    return file.read_text()
 
 
 def test_from_a_dropped_log_to_its_files(chrome, served, logs, downloads):
