@@ -10,7 +10,7 @@ from benchmarks import populations
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import parity, preflight
-from ivtools.loop import Controller
+from ivtools.loop import Controller, identification
 from ivtools.loop.axis_file import from_tables
 
 pytestmark = pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
@@ -194,3 +194,35 @@ def test_a_smooth_peak_that_is_sampled_fast_is_no_limit(seed):
     shown = parity.check(logged, replace(loop, controller=wrong))
     assert shown.limit is None
     assert shown.mismatch == {"kp": pytest.approx(-0.2, abs=0.01)}
+
+
+@pytest.mark.parametrize(
+    "kind, left_out",
+    [
+        ("cascade-pd", {"filter": {"kind": "lowpass", "hz": 40.0}}),
+        ("pid", {"filter": {"kind": "notch", "hz": 30.0, "damping": 0.3}}),
+        ("p-pi", {"filter": {"kind": "lowpass", "hz": 60.0, "damping": 0.7}}),
+    ],
+)
+@pytest.mark.parametrize("effect", [None, "stribeck"])
+def test_a_filter_that_the_axis_file_lacks_is_read_and_is_no_effect(kind, left_out, effect):
+    """It leaves some per cent of the command, which a flexible load imitates."""
+    loop, record = played(kind, effect, **left_out)
+    stated = replace(loop, controller=replace(loop.controller, filter=None))
+    assert 0.005 < parity.check(record, stated, read=False).after < 0.2
+    found = iv.diagnose(record, stated)
+    named = {*found.effects} - {"controller-mismatch"}
+    assert named == ({effect} if effect else set())
+    assert found.verdict == ("explained" if effect else "adequate")
+    kept = f'filter = {{ kind = "{left_out["filter"]["kind"]}", hz = {left_out["filter"]["hz"]:g}'
+    assert any("the record shows" in f.text and kept in f.text for f in found.findings)
+
+
+def test_what_a_command_says_of_itself_is_no_law():
+    """A smooth command follows from its own past, whatever it answers to."""
+    loop, record = played("pid")
+    walk = np.cumsum(np.random.default_rng(0).normal(size=record.n_samples))
+    alone = record.replace(nu=walk)
+    left, own = identification.least(loop, alone)
+    assert own < 0.05 and left > 0.5 * own
+    assert not parity.doubted(alone, replace(parity.check(alone, loop, read=False), after=0.019))

@@ -99,6 +99,9 @@ LAW_ERROR = 0.2
 #: Relative parity error from which the record is asked for its own law (physics: a digital law
 #: repeats to rounding, and to 0.3 % where log and controller sample apart).
 PARITY_POOR = 0.02
+#: And from which share of it a law of a few past samples, whatever its kind, leaves so little that
+#: there is one (training: 0.0 where the axis file lacks a filter, 0.14 on EMPS, 1 in noise).
+LAW_THERE = 0.05
 #: Share of a step that values are off its multiples at most, if a signal is rounded to it
 #: (numerics: digits of a log).
 ON_GRID = 0.05
@@ -130,8 +133,8 @@ FASTER = (2, 3, 4, 5, 8, 10, 16, 20)
 #: Samples of a log by which the delay that it shows then differs at most (training: 0.2 where noise
 #: of the encoder hides it).
 FASTER_LATE = 0.25
-#: Samples of a log that tell which (cost).
-FASTER_TOLD = 4000
+#: Samples of a log that tell a law, or its rate (cost).
+LAW_TOLD = 4000
 #: Share of the parity error's energy around one sample that points to a bad row (judgement).
 ONE_PLACE = 0.99
 #: Power that the record's own law may leave, of that of the declared one (judgement, not trained).

@@ -245,22 +245,13 @@ def axis_tables(loop: ClosedLoop) -> dict[str, Mapping[str, Any]]:
     AxisError
         If the model has a term of your own, which a file cannot hold.
     """
-    controller = loop.controller
     for term in loop.terms:
         if TERMS.get(term.name) is not term:
             raise AxisError(f"{term.name} is a term of your own; an axis file cannot hold it")
-    settings = {
-        "kind": controller.kind,
-        **{k: np.asarray(v, dtype=float).tolist() for k, v in controller.settings.items()},
-        "velocity_filter": list(controller.velocity_filter),
-        "delay": controller.delay,
-        "limit": controller.limit,
-        **_surroundings(controller),
-    }
     return {
         "axis": {"name": loop.name, "joint": loop.joint},
         "record": loop.log.to_dict(),
-        "controller": settings,
+        "controller": controller_table(loop.controller),
         "drive": {"gain": loop.gain, "delay": loop.delay},
         "model": {"terms": [term.name for term in loop.terms]},
         "model.start": loop.start,
@@ -268,10 +259,22 @@ def axis_tables(loop: ClosedLoop) -> dict[str, Mapping[str, Any]]:
     }
 
 
+def controller_table(controller: Controller) -> dict[str, Any]:
+    """Return the table of a controller."""
+    return {
+        "kind": controller.kind,
+        **{k: np.asarray(v, dtype=float).tolist() for k, v in controller.settings.items()},
+        "velocity_filter": list(controller.velocity_filter),
+        "delay": controller.delay,
+        "limit": controller.limit,
+        **_surroundings(controller),
+    }
+
+
 def toml_table(parts: Sequence[str], content: Mapping[str, Any]) -> str:
     """Return a table in TOML; `parts` are its name and those of the tables around it."""
     head = ".".join(_key(part) for part in parts)
-    return "\n".join([f"[{head}]", *(f"{_key(k)} = {_toml(v)}" for k, v in content.items())])
+    return "\n".join([f"[{head}]", *(f"{_key(k)} = {toml(v)}" for k, v in content.items())])
 
 
 def _surroundings(controller: Controller) -> dict[str, Any]:
@@ -287,16 +290,19 @@ def _surroundings(controller: Controller) -> dict[str, Any]:
     return {k: v for k, v in values.items() if v and v != getattr(plain, k)}
 
 
-def _toml(value: Any) -> str:
+def toml(value: Any, digits: int | None = None) -> str:
+    """Return a value in TOML; of its numbers so many digits, or all."""
     if isinstance(value, str):
         return _quoted(value)
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{_key(k)} = {_toml(v)}' for k, v in value.items())} }}"
+        return f"{{ {', '.join(f'{_key(k)} = {toml(v, digits)}' for k, v in value.items())} }}"
     if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
-    return repr(value) if isinstance(value, int) else repr(float(value))
+        return f"[{', '.join(toml(v, digits) for v in value)}]"
+    if isinstance(value, int):
+        return repr(value)
+    return repr(float(value)) if digits is None else f"{value:.{digits}g}"
 
 
 def _key(name: str) -> str:

@@ -33,7 +33,7 @@ from ..floor import (
 from ..fold import Link
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import AUDIBLE, PARITY_POOR, SATURATED, TOLERANCE, Rules
+from ..rules import AUDIBLE, SATURATED, TOLERANCE, Rules
 from .refused import refused
 
 
@@ -405,9 +405,8 @@ def _inspected(task: Task, loop: ClosedLoop, compared: Sequence[Parity]) -> Insp
     records = list(task.given.values())
 
     def known(record: Record, p: Parity) -> Parity:
-        """Ask the record for its own law where the declared one explains little."""
-        poor = p.after > PARITY_POOR and p.oversampling == 1
-        return parity.check(record, loop, oversampling=1) if poor else p
+        """Ask the record for its own law where it has another one."""
+        return parity.check(record, loop, oversampling=1) if parity.doubted(record, p) else p
 
     checked = tuple(threaded(known, records, compared))
     found = _by_record(

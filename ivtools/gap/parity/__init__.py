@@ -11,7 +11,7 @@ gains        what settings, other than the declared ones, explain it, and how la
 compared     the comparison, and the law that the record shows
 """
 
-from .compared import SUMMED, Parity, at_limit, at_rate, check, effects, relative
+from .compared import SUMMED, Parity, at_limit, at_rate, check, doubted, effects, relative
 from .limit import beyond
 from .signals import Signals, grid
 
@@ -23,6 +23,7 @@ __all__ = [
     "at_rate",
     "beyond",
     "check",
+    "doubted",
     "effects",
     "grid",
     "relative",

@@ -11,18 +11,19 @@ from numpy.typing import NDArray
 from ...errors import IVToolsError
 from ...loop import ClosedLoop, Controller
 from ...loop.controllers import ANTI_WINDUP
-from ...loop.identification import ControllerFit
+from ...loop.identification import ControllerFit, least
 from ...record import Record
 from ..between import interpolated
 from ..rules import (
     FASTER,
     FASTER_LATE,
-    FASTER_TOLD,
     GAIN_ERROR,
     GROSS_GAIN,
     LAW_BETTER,
     LAW_ERROR,
     LAW_R2,
+    LAW_THERE,
+    LAW_TOLD,
     LIMIT_LEAVES,
     NOISY_GAIN,
     ONE_PLACE,
@@ -159,8 +160,29 @@ def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -
     found, signals = _checked(record, loop)
     found = found if oversampling else _between(record, loop, found)
     limited = found.limit is not None and found.after**2 < LIMIT_LEAVES  # behind it it is right
-    known = not read or limited or found.oversampling > 1 or found.after <= PARITY_POOR
+    known = not read or limited or not doubted(record, found)
     return found if known else _read(found, signals, record, loop)
+
+
+def doubted(record: Record, found: Parity) -> bool:
+    """Whether a record is asked for its own law.
+
+    Where the declared one explains little of the command, or another one all but everything.
+    """
+    if found.oversampling > 1:
+        return False
+    return found.after > PARITY_POOR or _there(record, found)
+
+
+def _there(record: Record, found: Parity) -> bool:
+    """Whether there is a law that explains much more than the one that was found."""
+    if found.after <= ROUNDING:
+        return False
+    try:
+        left, alone = least(found.loop, record.liveliest(LAW_TOLD))
+    except IVToolsError:
+        return False
+    return left < LAW_THERE * min(found.after, alone)
 
 
 def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
@@ -197,7 +219,7 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     if found.after <= ROUNDING or not (found.mismatch or found.delay != declared):
         return found
     limited = replace(loop.controller, limit=found.loop.controller.limit)
-    part = record.liveliest(FASTER_TOLD)
+    part = record.liveliest(LAW_TOLD)
     added = found.mismatch.get("added", 0.0)
     here = Signals(part, loop)
     left = here.error(found.loop.controller, found.delay, added)[PARITY_HEAD:]
@@ -225,14 +247,24 @@ def _once(error: Array, t: Array) -> float | None:
 
 
 def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> Parity:
-    """Return the parity with the law that the record shows, if that explains more."""
+    """Return the parity with the law that the record shows, if that explains more.
+
+    A log without noise shows it in a part; whether that is the law of all is seen at once.
+    """
+    if _there(record, found) and record.n_samples > LAW_TOLD:
+        told = _taken(found, signals, record.liveliest(LAW_TOLD), loop)
+        if told.taken and told.after**2 <= 1.0 - LAW_R2:
+            return told
+    return _taken(found, signals, record, loop)
+
+
+def _taken(found: Parity, signals: Signals, part: Record, loop: ClosedLoop) -> Parity:
+    """Return the parity with the law that a part of the record shows, if that explains more."""
     try:
-        fit = loop.identify_controller(record)[1]
+        fit = loop.identify_controller(part)[1]
     except IVToolsError:
         return found
-    limit = loop.controller.limit if found.limit is None else found.limit
-    law = replace(fit.controller, limit=limit)
-    after = signals.share(signals.error(law, law.delay, 0.0))
+    law, after, clipped = _limited(fit.controller, found, signals, loop)
     left = 1.0 - fit.r2 if fit.low_pass else after**2
     better = left < LAW_BETTER * found.after**2
     if not better or fit.r2 < LAW_R2:
@@ -244,9 +276,28 @@ def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> 
         loop=replace(loop, controller=law),
         after=after,
         mismatch=mismatch,
+        clipped=clipped,
         read=fit,
         taken=True,
     )
+
+
+def _limited(
+    law: Controller, found: Parity, signals: Signals, loop: ClosedLoop
+) -> tuple[Controller, float, float]:
+    """Return a law that was read with its limit, its parity error, and how often it is there.
+
+    A limit that the declared law seemed to have goes if this one explains as much without.
+    """
+    free = replace(law, limit=loop.controller.limit)
+    plain = Signals(signals.record, loop)
+    left = plain.share(plain.error(free, law.delay, 0.0))
+    if found.limit is None:
+        return free, left, found.clipped
+    limited = replace(law, limit=found.limit)
+    after = signals.share(signals.error(limited, law.delay, 0.0))
+    idle = left <= max(after, ROUNDING)
+    return (free, left, 0.0) if idle else (limited, after, found.clipped)
 
 
 def _differences(declared: Controller, law: Controller, fit: ControllerFit) -> dict[str, float]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ... import checks
 from ...errors import RecordError
 from ...loop import ClosedLoop, Controller
+from ...loop.axis_file import controller_table, toml
 from ...loop.rough_inertia import shown_inertia
 from ...record import Record
 from ...units import JOINTS
@@ -25,6 +26,7 @@ from ..parity import SUMMED, Parity, beyond
 from ..rules import (
     ALONG,
     FOLLOWS,
+    GAIN_ERROR,
     GROSS_GAIN,
     INERTIA_RANGE,
     LEAST_SAMPLES,
@@ -245,7 +247,7 @@ def other_law(parity: Parity, taken: bool = True) -> list[Finding]:
         wrong = "unit" if gross["added"] > -1.0 else "sign"
         on = f"the diagnosis goes on with that: check its {wrong}" if taken else on
         return [Finding(f"{text}; {on}", fatal=False)]
-    text = f" ({_changes(declared, own) or described(shown)})"
+    text = f" ({described(shown) if parity.taken else _changes(declared, own)})"
     text = f"the record shows other controller settings than the axis file{text}; {on}"
     return [Finding(f"{text}{_remains(parity)}", fatal=False)]
 
@@ -395,9 +397,14 @@ def explain_command(parity: Parity) -> str:
 
 
 def described(controller: Controller) -> str:
-    """Return kind and gains as text."""
-    gains = ", ".join(f"{k} = {v:.4g}" for k, v in controller.settings.items())
-    return f"kind {controller.kind}, {gains}"
+    """Return what an axis file would say of a law, in a line."""
+    plain = Controller("none", {})
+    if all(abs(w) < GAIN_ERROR for w in controller.velocity_filter[1:]):
+        controller = replace(controller, velocity_filter=plain.velocity_filter)
+    said, usual = (controller_table(c) for c in (replace(controller, limit=plain.limit), plain))
+    settings = {k: v for k, v in said.items() if k != "kind" and v != usual.get(k)}
+    listed = ", ".join(f"{k} = {toml(v, digits=4)}" for k, v in settings.items())
+    return f"kind {controller.kind}, {listed}"
 
 
 def _shared(record: Record, holdout: Record) -> float:

@@ -194,10 +194,14 @@ def misplaced(record: Record, loop: ClosedLoop, checked: Parity, known: int = 0)
         signals = parity.Signals(earlier(record, samples, REFERENCES), loop)
         return signals.share(signals.error(law, law.delay, 0.0))
 
-    moved = Moved.by(known or min(MISPLACED, key=left), record, loop, REFERENCES)
+    samples = known or min(MISPLACED, key=left)
     much = GAIN_NEEDED if known else 1.0 if checked.mismatch else LAW_BETTER**0.5
+    most = min(much * checked.after, LAW_ERROR)
+    if not left(samples) < GAIN_NEEDED * most:  # with no setting changed it will not be less
+        return None
+    moved = Moved.by(samples, record, loop, REFERENCES)
     right = not moved.checked.mismatch and moved.checked.delay == law.delay
-    return moved if right and moved.checked.after < min(much * checked.after, LAW_ERROR) else None
+    return moved if right and moved.checked.after < most else None
 
 
 def earlier(record: Record, samples: int, names: Iterable[str] = COMMANDS) -> Record:

@@ -39,7 +39,21 @@ _PER_NAME = 20  # rows of it per coefficient, at least
 _MOVED = 1e-3  # of a gain, by which the law that shows there is another one
 _UNLIKELY = 0.7  # prices of a setting that a kind must be better by if it is the less likely one
 _FILTERED = 1e-7  # share of the power left from which a filter in the loop is looked for
+_TELLS = 0.05  # of what the command's own past leaves, that what a law sees leaves at most
 _WORTH = 0.5  # of the residual's power that it must remove
+
+
+def least(loop: ClosedLoop, record: Record) -> tuple[float, float]:
+    """Return the shares of a record's command that no law of a few samples explains, rms.
+
+    The second one without what a law sees, from the command's own past alone.
+
+    Raises
+    ------
+    RecordError
+        As `identify`.
+    """
+    return Data.of(loop, record, logged=False).least
 
 
 def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
@@ -56,7 +70,7 @@ def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
         tried += forms
         laws.append(plain)
     best, data = _cheapest(loop, laws, seen)
-    if best is not None and best.left > _NOISY:
+    if best is not None and best.left > _NOISY and not _just_logged(seen[0]):
         unseen = _unseen(loop, seen[0], best)
         if unseen is not None:
             return fit_of(loop, *unseen, tried)
@@ -217,7 +231,9 @@ def _surrounded(loop: ClosedLoop, data: Data, least: float) -> list[Fitted]:
     for _, c in sorted(starts, key=lambda start: start[0]):
         kind = c.filter and (c.filter.kind, c.filter.damping is None)
         families.setdefault((kind,), []).append(c)
-    found = [polished(data, c) for some in families.values() for c in some[:_STARTS]]
+    begun = [c for some in families.values() for c in (*some[:_STARTS], *_stated(loop, some[0]))]
+    found = [polished(data, c) for c in begun]
+    found = [f if _felt(f.controller, data) else polished(data, _unfed(f)) for f in found]
     return [
         f
         for f in found
@@ -225,6 +241,19 @@ def _surrounded(loop: ClosedLoop, data: Data, least: float) -> list[Fitted]:
         and _stands(f.controller, fs)
         and plausible(f.controller.settings, data.sign)
     ]
+
+
+def _stated(loop: ClosedLoop, other: Controller) -> list[Controller]:
+    """Return the declared law, with all that it has, behind the filter of another one."""
+    known = loop.controller
+    gains = bool(known.settings) and all(np.ndim(v) == 0 for v in known.settings.values())
+    around = replace(other, kind=known.kind, settings=known.settings, delay=known.delay)
+    return [replace(around, velocity_filter=known.velocity_filter)] if gains else []
+
+
+def _unfed(fitted: Fitted) -> Controller:
+    """Return a law without its feed-forwards."""
+    return replace(fitted.controller, feedforward={})
 
 
 def _stands(controller: Controller, fs: float) -> bool:
@@ -236,6 +265,12 @@ def _stands(controller: Controller, fs: float) -> bool:
 
 
 # --- noise between the encoder and the log -----------------------------------------------------
+
+
+def _just_logged(data: Data) -> bool:
+    """Whether the controller saw what is logged: a law of few samples explains the command."""
+    left, alone = data.least
+    return left**2 < _FILTERED and left < _TELLS * alone
 
 
 def _unseen(loop: ClosedLoop, data: Data, raw: Fitted) -> tuple[Fitted, Data] | None:
