@@ -247,21 +247,9 @@ def _once(error: Array, t: Array) -> float | None:
 
 
 def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> Parity:
-    """Return the parity with the law that the record shows, if that explains more.
-
-    A log without noise shows it in a part; whether that is the law of all is seen at once.
-    """
-    if _there(record, found) and record.n_samples > LAW_TOLD:
-        told = _taken(found, signals, record.liveliest(LAW_TOLD), loop)
-        if told.taken and told.after**2 <= 1.0 - LAW_R2:
-            return told
-    return _taken(found, signals, record, loop)
-
-
-def _taken(found: Parity, signals: Signals, part: Record, loop: ClosedLoop) -> Parity:
-    """Return the parity with the law that a part of the record shows, if that explains more."""
+    """Return the parity with the law that the record shows, if that explains more."""
     try:
-        fit = loop.identify_controller(part)[1]
+        fit = loop.identify_controller(record)[1]
     except IVToolsError:
         return found
     law, after, clipped = _limited(fit.controller, found, signals, loop)

@@ -22,6 +22,7 @@ _FED = 0.05  # how near to 1 the weight of a force is that is fed forward as it 
 _SLACK = 0.05  # below 0 and above 1 of the weight of a reference
 MOST = 4  # feed-forwards and columns beside one law
 LEAST = 2e-3  # share of the command that a feed-forward must be
+_ROUNDED = 1e-6  # of a gain, that a velocity reference is fed forward with at least
 _SAME = 1e-7  # share of a column outside of the others that is none
 
 
@@ -98,6 +99,17 @@ class Form:
             for settings in found
             if np.isfinite(list(settings.values())).all() and plausible(settings, sign)
         ]
+
+    def ahead(self, controller: Controller) -> list[Controller]:
+        """Return the law with what of the velocity reference its weight of it does not say.
+
+        A weight near 0 or 1 is meant to be that; the rest is a feed-forward, if it is anything.
+        """
+        collected, c = self.collected, controller.settings.get("c", 1.0)
+        rest = collected.get("dq_ref", 0.0) - c * collected.get("dq", 0.0)
+        if not {"dq_ref", "dq"} <= {*collected} or abs(rest) <= _ROUNDED * abs(collected["dq"]):
+            return []
+        return [replace(controller, feedforward={**controller.feedforward, "velocity": rest})]
 
     def around(self, known: Controller, data: Data, settings: Mapping[str, float]) -> Controller:
         """Return the controller with these settings and all else that the form has."""

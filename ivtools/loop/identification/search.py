@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...errors import RecordError
 from ...linalg.noise import NoiseModel
 from ...record import Record
 from ..controllers import Controller
@@ -43,6 +44,9 @@ _TELLS = 0.05  # of what the command's own past leaves, that what a law sees lea
 _WORTH = 0.5  # of the residual's power that it must remove
 
 
+Searched = tuple[Fitted | None, Data, list[Tried]]  # the law, what it saw, and what was tried
+
+
 def least(loop: ClosedLoop, record: Record) -> tuple[float, float]:
     """Return the shares of a record's command that no law of a few samples explains, rms.
 
@@ -59,6 +63,30 @@ def least(loop: ClosedLoop, record: Record) -> tuple[float, float]:
 def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
     """Fit the law of a record's longest stretch; see `ClosedLoop.identify_controller`."""
     record = record.longest.liveliest()
+    return fit_of(loop, *(_told_by_part(loop, record) or _search(loop, record)))
+
+
+def _told_by_part(loop: ClosedLoop, record: Record) -> Searched | None:
+    """Return the law that a part of a record without noise shows, if it is that of all of it."""
+    part = record.liveliest(_PART)
+    if part.n_samples == record.n_samples:
+        return None
+    try:
+        exact = _just_logged(Data.of(loop, part, logged=False))
+    except RecordError:  # of which all may be at the limit
+        return None
+    if not exact:
+        return None
+    best, seen, tried = _search(loop, part)
+    if best is None:
+        return None
+    data = Data.of(loop, record, seen.logged)
+    whole = polished(data, best.controller)
+    return (whole, data, tried) if whole.left < _FILTERED else None
+
+
+def _search(loop: ClosedLoop, record: Record) -> Searched:
+    """Return the law of a record, what it saw, and what was tried."""
     ways = [False, True] if record.dq is not None else [False]
     if loop.controller.velocity == "logged" and record.dq is not None:
         ways = [True]
@@ -73,7 +101,7 @@ def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
     if best is not None and best.left > _NOISY and not _just_logged(seen[0]):
         unseen = _unseen(loop, seen[0], best)
         if unseen is not None:
-            return fit_of(loop, *unseen, tried)
+            return *unseen, tried
     if best is not None and best.left > _FILTERED:
         laws = [
             plain + _surrounded(loop, data, _chosen(loop, plain, data).left) if plain else plain
@@ -85,7 +113,7 @@ def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
         told = _instrumented(replace(data, low_pass=None), best)
         if told is not None and _certain(told):
             best = replace(told, left=best.left)
-    return fit_of(loop, best, data, tried)
+    return best, data, tried
 
 
 def _cheapest(
@@ -150,7 +178,7 @@ def _fitted(loop: ClosedLoop, data: Data, forms: list[Form]) -> list[Fitted]:
             continue
         controllers = form.controllers(loop.controller, data)
         count[group] = count.get(group, 0) + bool(controllers)
-        found += [polished(data, c) for c in controllers]
+        found += [polished(data, c) for one in controllers for c in (one, *form.ahead(one))]
     seconds = data.record.n_samples * data.record.dt
     good = (f for f in found if plausible(f.controller.settings, data.sign))
     return [f for f in good if _integrates(f.controller, seconds) and _felt(f.controller, data)]
@@ -224,7 +252,8 @@ def _surrounded(loop: ClosedLoop, data: Data, least: float) -> list[Fitted]:
         forms = [f for f in regressions.forms() if not lag or f.kind == "pid"]
         for form in sorted(forms, key=lambda f: f.criterion)[:_FORMS]:
             grown = regressions.grown(form)
-            for c in grown.controllers(loop.controller, data)[:1]:
+            first = grown.controllers(loop.controller, data)[:1]
+            for c in (*first, *(law for one in first for law in grown.ahead(one))):
                 own = {**c.settings, "derivative_filter": lag} if lag else c.settings
                 starts.append((grown.criterion, replace(c, filter=shape, settings=own)))
     families: dict[tuple[object, ...], list[Controller]] = {}
