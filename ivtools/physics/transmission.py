@@ -141,6 +141,7 @@ BACKLASH = Term(
             lower=0.0,
             scale="stroke",
             scan=(2e-5, 1e-4, 4e-4, 2e-3, 5e-3),
+            wide=(2e-3, 0.05),
             least=1e-6,  # a smaller one is a contact that never opens: friction that yields
         ),
         Parameter(
