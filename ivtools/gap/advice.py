@@ -208,11 +208,13 @@ def remarks(
                 "record does not cover; effects of position or time are judged on the rest"
             )
         if p.delay != p.declared.delay:
+            better = (
+                f"; with that the control law, fed with what was measured, is off the command by "
+                f"{percent(p.after)}, not by {percent(p.before)}"
+            )
             lines.append(
                 f"{name}: the recorded command follows the measured position by {p.delay} samples, "
-                f"the axis file says {p.declared.delay}; with that the control law, fed with "
-                f"what was measured, is off the command by {percent(p.after)}, not by "
-                f"{percent(p.before)}"
+                f"the axis file says {p.declared.delay}{better if p.after < p.before else ''}"
             )
         if "added" in p.mismatch:
             lines.append(

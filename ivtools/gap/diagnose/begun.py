@@ -188,12 +188,14 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     if task.inspected is None:
         task, loop, compared, logged = _as_it_acted(task, loop)
         inspected = _inspected(task, loop, compared)
+        if task.loop.controller.kind == "identify":
+            inspected = inspected._replace(checked=tuple(map(parity.as_read, inspected.checked)))
     else:
         inspected, logged = task.inspected.under(loop), []
     record, records, given = task.record, task.records, task.given.values()
     checked, found = inspected.checked[: len(records)], list(inspected.found)
     law = [*near, *rounded, *law, *note, *alone, *logged, *parts]
-    shown = _shown(given, inspected.checked, inspected.checked)
+    shown = _shown(task, inspected.checked, inspected.checked)
     if any(f.fatal for f in found):
         return refused(record, loop, checked, [*found, *shown, *law])
     say("base model and floor")
@@ -210,7 +212,7 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
         measured = _confirmed(loop, every[: len(records)])
     except IVToolsError as error:
         return refused(record, loop, checked, [*found, *shown, Finding(str(error)), *law])
-    law = [*_shown(given, inspected.checked, [m.parity for m in measured]), *law]
+    law = [*_shown(task, inspected.checked, [m.parity for m in measured]), *law]
     strangers: tuple[Finding, ...] = ()
     if len(records) == 2:
         strangers = tuple(preflight.same_axis([m.base for m in measured]))
@@ -419,13 +421,12 @@ def _inspected(task: Task, loop: ClosedLoop, compared: Sequence[Parity]) -> Insp
     return Inspected(checked, tuple(found))
 
 
-def _shown(
-    given: Collection[Record], found: Sequence[Parity], kept: Sequence[Parity]
-) -> list[Finding]:
+def _shown(task: Task, found: Sequence[Parity], kept: Sequence[Parity]) -> list[Finding]:
     """Return what is said of other laws that records show, taken or not."""
+    read = task.record.name if task.loop.controller.kind == "identify" else ""
     pairs = zip(found, kept, strict=False)
-    said = [preflight.other_law(p, taken=k.mismatch == p.mismatch) for p, k in pairs]
-    return _by_record(given, said)
+    said = [preflight.other_law(p, k.mismatch == p.mismatch, read) for p, k in pairs]
+    return _by_record(task.given.values(), said)
 
 
 def _by_record(given: Collection[Record], found: Iterable[list[Finding]]) -> list[Finding]:

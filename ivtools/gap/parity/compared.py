@@ -344,6 +344,21 @@ def _summed(record: Record, delay: int) -> Record:
     return record.replace(added=None, extra={**record.extra, SUMMED: column})
 
 
+def as_read(checked: Parity) -> Parity:
+    """Return the parity of a law that was read from another record: a little off is no mistake."""
+    law, declared = checked.loop.controller, checked.declared
+    if law.kind != declared.kind or any(abs(v) > GROSS_GAIN for v in checked.mismatch.values()):
+        return checked
+    added = {k: v for k, v in checked.mismatch.items() if k == "added"}
+    return replace(
+        checked,
+        before=checked.after,
+        declared=replace(law, limit=declared.limit),
+        mismatch=added,
+        taken=False,
+    )
+
+
 def relative(checked: Sequence[Parity], setting: str) -> bool:
     """Whether what records show of a setting is the relative error of one that was declared."""
     shown = [p for p in checked if setting in p.found]

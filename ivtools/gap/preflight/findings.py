@@ -229,17 +229,26 @@ def _gross(parity: Parity) -> dict[str, float]:
     return large if parity.oversampling == 1 else {}
 
 
-def other_law(parity: Parity, taken: bool = True) -> list[Finding]:
-    """Say which other law the record shows, and whether the diagnosis goes on with it."""
+def other_law(parity: Parity, taken: bool = True, read: str = "") -> list[Finding]:
+    """Say which other law the record shows, and whether the diagnosis goes on with it.
+
+    Parameters
+    ----------
+    parity : Parity
+    taken : bool
+    read : str, optional
+        Name of the record that the law was read from, where no axis file declares it.
+    """
     gross = _gross(parity)
     if not parity.trustworthy or not (gross or parity.taken):
         return []
-    on = "the diagnosis goes on with the record's; correct [controller]"
+    file = f"the law read from {read}" if read else "the axis file"
+    on = f"the diagnosis goes on with the record's{'' if read else '; correct [controller]'}"
     if not taken:
-        on = "the simulated force is no nearer with it, so that of the axis file is kept"
+        on = f"the simulated force is no nearer with it, so that of {file} is kept"
     shown, declared = parity.loop.controller, parity.declared
     if shown.kind != declared.kind:
-        text = f"the record shows {described(shown)}; the axis file says kind {declared.kind}"
+        text = f"the record shows {described(shown)}; {file} says kind {declared.kind}"
         return [Finding(f"{text}: {on}{_remains(parity)}", fatal=False)]
     own = {k: v for k, v in parity.mismatch.items() if k != "added"}
     if "added" in gross and not own and not parity.taken:
@@ -248,7 +257,7 @@ def other_law(parity: Parity, taken: bool = True) -> list[Finding]:
         on = f"the diagnosis goes on with that: check its {wrong}" if taken else on
         return [Finding(f"{text}; {on}", fatal=False)]
     text = f" ({described(shown) if parity.taken else _changes(declared, own)})"
-    text = f"the record shows other controller settings than the axis file{text}; {on}"
+    text = f"the record shows other controller settings than {file}{text}; {on}"
     return [Finding(f"{text}{_remains(parity)}", fatal=False)]
 
 

@@ -15,6 +15,7 @@ _LONGEST = 200  # taps that stand for a low-pass filter
 _REACH = 1e-5  # of a low-pass's answer that is cut off
 _ROUNDING = 1e-9  # of the velocity: what is left below this is no reason for more taps
 _AROUND = 4  # samples before and behind, whose differences a sensor's velocity resembles
+_WAYS = (1, 8, 64, 256, 1024, 4096)  # samples
 _NO_LATER, _NO_LARGER = 0.1, 0.02  # samples, and share, by which such a one may differ from them
 
 
@@ -38,7 +39,9 @@ def shown(q: Array, dq: Array, dt: float) -> tuple[float, ...] | None:
     the measured one tells how: by an FIR filter of a few taps, or by a first-order low-pass, which
     is an FIR filter of many. None if it is a sensor's, or that of a simulator's state: positions
     that come later tell it as well as those which came before, and it is neither late, as all is
-    that is made of past ones, nor of another size.
+    that is made of past ones, nor of another size. None also where the steps of a coarse encoder
+    hide it: then the weights do not sum to what the velocity is over long ways, which no step
+    hides; what is made of positions with steps has these steps, and its weights are exact.
 
     Parameters
     ----------
@@ -69,7 +72,16 @@ def shown(q: Array, dq: Array, dt: float) -> tuple[float, ...] | None:
     slow, left = _low_pass(speed, dq, rows)
     if rounding + left < _WORTH * least:
         best, least = slow, left
-    return None if _sensed(speed, dq, rows, least - rounding) else best
+    hidden = abs(sum(best) - _size(speed, dq)) > _NO_LARGER
+    return None if hidden or _sensed(speed, dq, rows, least - rounding) else best
+
+
+def _size(speed: Array, dq: Array) -> float:
+    """Return how large a velocity is over ways as long as the axis makes, of differences, 1."""
+    ways = [np.cumsum(x) for x in (speed, dq)]
+    far = [[way[n:] - way[:-n] for way in ways] for n in _WAYS if n < len(speed)]
+    true, said = max(far, key=lambda pair: float(np.mean(pair[0] ** 2)))
+    return float(true @ said) / max(float(true @ true), 1e-300)
 
 
 def _sensed(speed: Array, dq: Array, rows: slice, least: float) -> bool:
@@ -82,7 +94,7 @@ def _sensed(speed: Array, dq: Array, rows: slice, least: float) -> bool:
     y = dq[rows][:-_AROUND]
     weights = np.linalg.lstsq(X.T @ X, X.T @ y, rcond=1e-12)[0]
     early = float(weights @ (around - 0.5))
-    same = abs(weights.sum() - 1.0) < _NO_LARGER and abs(early) < _NO_LATER
+    same = abs(weights.sum() - 1.0) < _NO_LARGER and early > -_NO_LATER
     return bool(same and _WORTH * np.linalg.norm(y - X @ weights) < least)
 
 
