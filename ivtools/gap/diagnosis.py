@@ -241,6 +241,8 @@ class Diagnosis(Displayed):
         if s is None:
             return "nothing was simulated"
         said = VERDICTS[self.verdict]
+        if self.verdict == "non-repeatable" and self.changed:
+            said = f"between the records, {' and '.join(self.changed)} changed"
         if self.verdict == "explained" and s.closed < EXPLAINED:
             left = f"{percent(s.remainder / s.force)} of the force"
             said = f"the named effects close the gap to {left} above the floor, which is negligible"

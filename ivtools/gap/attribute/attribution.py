@@ -26,11 +26,14 @@ class Supposed(NamedTuple):
         Of every parameter of the model with it, on the first fold.
     gain : float
         Share of the whitened energy that it removes on held-out data.
+    eventful : bool
+        Whether stretches that stand out are part of it; the ranking is then without them.
     """
 
     effect: str
     values: dict[str, float]
     gain: float
+    eventful: bool = False
 
 
 @dataclass(frozen=True, eq=False)

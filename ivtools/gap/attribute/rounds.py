@@ -324,7 +324,10 @@ class _Tries:
 
 
 def pvalues(first: Round) -> dict[str, float]:
-    """Return p values by the bootstrap of the largest t over all that was screened."""
+    """Return p values of no gain, by the bootstrap of the largest t over all that was screened.
+
+    Of what raises the error as it was fitted there is no doubt, though some of it may be there.
+    """
     if not first.trials:
         return {}
     rng = np.random.default_rng(np.random.SeedSequence(list(b"max-t")))
@@ -333,7 +336,8 @@ def pvalues(first: Round) -> dict[str, float]:
         signs = rng.choice([-1.0, 1.0], size=(DRAWS, scores.shape[1]))
         size = np.maximum(np.linalg.norm(scores, axis=1), 1e-300)
         worst = np.maximum(worst, np.max(np.abs(signs @ scores.T) / size, axis=1))
-    return {t.name: float(np.mean(worst >= max(np.min(t.t), 0.0))) for t in first.trials}
+    shown = {t.name: max(float(np.min(t.t)), 0.0) * (t.gain > 0.0) for t in first.trials}
+    return {name: float(np.mean(worst >= t)) for name, t in shown.items()}
 
 
 def _scores(fold: Fold, screened: dict[str, Score], pairs: Iterable[tuple[Fit, Fit]]) -> Array:

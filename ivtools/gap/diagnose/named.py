@@ -54,7 +54,8 @@ def named(begun: Begun) -> Named:
     if begun.eventful and not (result.named or fell):
         measured, whole, base = begun.calm, base, begun.calm_folds
         again = upheld(whole, attribute(base, *more))
-        result = replace(again, supposed=again.supposed or result.supposed)
+        before = result.supposed and result.supposed._replace(eventful=True)
+        result = replace(again, supposed=again.supposed or before)
     return Named(begun, (measured if len(measured) == 2 else base)[-1].fold, result)
 
 

@@ -99,6 +99,8 @@ class Discrepancy:
         factor, unit = prefixed(self.before, self.unit)
         after, before = (plain_number(factor * x, 2) for x in (self.after, self.before))
         share = "nearly all" if after == before else f"about {after}"
+        if self.after > self.before:  # along another motion
+            share = "all"
         return f"{share} of {before} {unit} rms"
 
     @property

@@ -65,12 +65,15 @@ class Setting:
     t : float
         Difference over its block-robust standard error.
     unit : str
+    sure : bool
+        Whether the model reproduces one of the records: else what it lacks may bend the parameter.
     """
 
     record: float
     holdout: float
     t: float
     unit: str
+    sure: bool = True
 
     @property
     def text(self) -> str:
@@ -80,7 +83,8 @@ class Setting:
 
     def said(self, name: str) -> str:
         """Return what to say of it, as a sentence."""
-        return f"{name} {self.text} between the records: a changed setting, not a missing effect"
+        but = "not" if self.sure else "or the work of"
+        return f"{name} {self.text} between the records: a changed setting, {but} a missing effect"
 
     def to_dict(self) -> dict[str, float]:
         """Return the JSON of the change."""
@@ -105,7 +109,8 @@ def changes(result: Attribution, tolerance: float) -> dict[str, Setting]:
         size = 0.5 * abs(a + b) if p.lower >= 0.0 else tolerance / 100.0 * force / CHANGED_BY
         large = t > CHANGED_T and abs(a - b) > CHANGED_BY * size
         if large and _needed(one, name, b) and _needed(two, name, a):
-            found[name] = Setting(a, b, t, p.unit_for(one.loop.joint))
+            sure = min(one.cost, two.cost) <= STEADY
+            found[name] = Setting(a, b, t, p.unit_for(one.loop.joint), sure)
     return found
 
 
@@ -270,7 +275,8 @@ def remainder(result: Attribution, shrink: Shrink, described: bool) -> Finding |
     """
     if (supposed := result.supposed) is not None:
         removed = f"{supposed.effect} by itself removes {percent(supposed.gain)} of the error's "
-        why = "energy on held-out data; too little else speaks for it to be named"
+        where = ", the stretches that stand out included" * supposed.eventful
+        why = f"energy on held-out data{where}; too little else speaks for it to be named"
         return Finding(removed + why, fatal=False)
     if described:
         return None
