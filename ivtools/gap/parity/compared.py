@@ -275,7 +275,7 @@ def _limited(
 ) -> tuple[Controller, float, float]:
     """Return a law that was read with its limit, its parity error, and how often it is there.
 
-    A limit that the declared law seemed to have goes if this one explains as much without.
+    A limit that the declared law seemed to have goes if this one explains all without.
     """
     free = replace(law, limit=loop.controller.limit)
     plain = Signals(signals.record, loop)
@@ -284,8 +284,7 @@ def _limited(
         return free, left, found.clipped
     limited = replace(law, limit=found.limit)
     after = signals.share(signals.error(limited, law.delay, 0.0))
-    idle = left <= max(after, ROUNDING)
-    return (free, left, 0.0) if idle else (limited, after, found.clipped)
+    return (free, left, 0.0) if left <= ROUNDING else (limited, after, found.clipped)
 
 
 def _differences(declared: Controller, law: Controller, fit: ControllerFit) -> dict[str, float]:

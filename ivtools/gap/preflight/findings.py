@@ -19,7 +19,7 @@ from ...loop import ClosedLoop, Controller
 from ...loop.axis_file import controller_table, toml
 from ...loop.rough_inertia import shown_inertia
 from ...record import Record
-from ...units import JOINTS
+from ...units import JOINTS, plural
 from ..fit import Fit
 from ..fold import usable
 from ..parity import SUMMED, Parity, beyond
@@ -389,8 +389,10 @@ def explain_command(parity: Parity) -> str:
         best = sorted(parity.read.kinds.items(), key=lambda kind: -kind[1])
         listed = ", ".join(f"{kind} {r2:.2f}" for kind, r2 in best)
         tried = f"; no kind of law gives all of it either; R2 of each where it was fitted: {listed}"
-        tried += f"{_remains(parity)}; matrices of a state-space law are not looked for: state them"
-        tried += " if it is one"
+        tried += (
+            f"{_remains(parity)}; state the matrices if it is a state-space law: they are read "
+        )
+        tried += "only where every sample is just what the controller saw"
     left = 100.0 * parity.after
     if parity.at is not None:
         return (
@@ -406,7 +408,11 @@ def explain_command(parity: Parity) -> str:
 
 
 def described(controller: Controller) -> str:
-    """Return what an axis file would say of a law, in a line."""
+    """Return what an axis file would say of a law, in a line; of matrices how many states."""
+    if controller.kind == "state-space":
+        states = plural(len(controller.settings["A"]), "state")
+        what = "a filter of the reference, or two in a row"
+        return f"a linear law with {states}, as with {what} (identify_controller has its matrices)"
     plain = Controller("none", {})
     if all(abs(w) < GAIN_ERROR for w in controller.velocity_filter[1:]):
         controller = replace(controller, velocity_filter=plain.velocity_filter)

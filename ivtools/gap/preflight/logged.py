@@ -19,7 +19,7 @@ from ...errors import IVToolsError
 from ...loop import ClosedLoop
 from ...physics import TERMS, Term
 from ...record import Record
-from ...units import JOINTS, plural, quantity
+from ...units import JOINTS, percent, plural, quantity
 from .. import parity
 from ..parity import Parity
 from ..rules import (
@@ -195,7 +195,7 @@ def misplaced(record: Record, loop: ClosedLoop, checked: Parity, known: int = 0)
         return signals.share(signals.error(law, law.delay, 0.0))
 
     samples = known or min(MISPLACED, key=left)
-    much = GAIN_NEEDED if known else 1.0 if checked.mismatch else LAW_BETTER**0.5
+    much = GAIN_NEEDED if known else 1.0 / GAIN_NEEDED if checked.mismatch else LAW_BETTER**0.5
     most = min(much * checked.after, LAW_ERROR)
     if not left(samples) < GAIN_NEEDED * most:  # with no setting changed it will not be less
         return None
@@ -230,7 +230,7 @@ def late(samples: int, left: float) -> Finding:
     count = plural(abs(samples), "sample")
     text = (
         f"the command is logged {count} {'after' if samples > 0 else 'before'} it acts: with the "
-        f"log put right the base model's force error is {100 * left:.2g} % of what it is with a "
+        f"log put right the base model's force error is {percent(left)} of what it is with a "
         "controller of that delay"
     )
     return Finding(text, fatal=False)

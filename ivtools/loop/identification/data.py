@@ -34,8 +34,6 @@ _PER_PERIOD = 6.0  # samples of what is low-passed that are kept
 _FOLLOWS = 3  # samples by which an effect of the command may come behind it
 _BEHIND = 0.5  # correlation of changes from which such a one may
 _ITSELF = 0.9999  # R2 from which a column is the command itself
-_OWN, _PAST = 5, HEAD  # samples of its own, and of what it sees, that a law remembers
-_SAME = 1e-14  # of the largest singular value, from which a past sample tells something
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,32 +189,6 @@ class Data:
             if name not in FEEDFORWARDS and np.ptp(column) > 0.0 and not self._follows(column):
                 found[name] = column
         return {name: self._shaped(name, column) for name, column in found.items()}
-
-    @property
-    def least(self) -> tuple[float, float]:
-        """Shares of the command, rms, that no law explains which remembers a few samples.
-
-        Whatever its kind and its filters: the command is regressed on its own past, on what the
-        law sees, past and present, and on what may be fed forward. The second is what its own past
-        alone leaves, as of any smooth command.
-        """
-        record, rows = self.record, self.rows.nonzero()[0]
-        signals = (record.q, record.dq, record.q_ref, record.dq_ref)
-        own = [self.command[rows - late] for late in range(1, _OWN + 1)]
-        seen = [x[rows - late, 0] for x in signals if x is not None for late in range(_PAST)]
-        seen += [x[rows] for x in self.further.values()]
-        whole = self.command[rows]
-        size = max(float(np.linalg.norm(whole)), 1e-300)
-
-        def left(columns: list[Array]) -> float:
-            """Return what of the command no sum of these columns and a constant explains."""
-            regressors = np.column_stack(columns)
-            regressors = regressors - regressors.mean(axis=0)
-            regressors /= np.maximum(np.linalg.norm(regressors, axis=0), 1e-300)
-            told = np.linalg.lstsq(regressors, whole - whole.mean(), rcond=_SAME)[0]
-            return float(np.linalg.norm(whole - whole.mean() - regressors @ told)) / size
-
-        return left([*own, *seen]), left(own)
 
     def _follows(self, column: Array) -> bool:
         """Whether a column comes behind the command, as a measured current does: no cause of it."""

@@ -12,6 +12,7 @@ from ...display import Displayed
 from ...errors import RecordError
 from ...linalg import covariance
 from ...tables import Text, table
+from ...units import plural
 from ..controllers import Controller
 from .data import Data
 from .polish import Fitted, values
@@ -95,9 +96,9 @@ class ControllerFit(Displayed):
     @property
     def note(self) -> str:
         """The law and its uncertainty in one line."""
-        gains = ", ".join(
-            f"{k} {v:.5g} ({self.std_errors[k]:.1g})" for k, v in self.estimates.items()
-        )
+        gains = [f"{k} {v:.5g} ({self.std_errors[k]:.1g})" for k, v in self.estimates.items()]
+        if "A" in self.controller.settings:
+            gains = [plural(len(self.controller.settings["A"]), "state")]
         doubt = "; a poor fit, so treat what rests on it with care" if self.residual > _POOR else ""
         velocity = ", velocity as logged" if self.controller.velocity == "logged" else ""
         behind = f" below {self.low_pass:.3g} Hz" if self.low_pass else ""
@@ -107,11 +108,9 @@ class ControllerFit(Displayed):
                 "controller did not see"
             )
         rest = "".join(f"; {text}" for text in self.remains)
-        return (
-            f"controller identified from the record: {self.controller.kind}, {gains}, delay "
-            f"{self.controller.delay}{velocity}; it leaves {self.residual:.2g} % of the command"
-            f"{behind}{doubt}{rest}"
-        )
+        law = ", ".join([self.controller.kind, *gains, f"delay {self.controller.delay}{velocity}"])
+        left = f"it leaves {self.residual:.2g} % of the command{behind}{doubt}{rest}"
+        return f"controller identified from the record: {law}; {left}"
 
     def summary(self) -> Text:
         """Return the law, its standard errors, and the next best structures."""
@@ -176,7 +175,12 @@ def fit_of(
 
 
 def std_errors(best: Fitted) -> dict[str, float]:
-    """Return standard errors by name; the first weight of the velocity is 1 less the others."""
+    """Return standard errors by name; the first weight of the velocity is 1 less the others.
+
+    Matrices have none: other states make the same law.
+    """
+    if not best.names:
+        return {}
     size = np.linalg.norm(best.jacobian, axis=0)
     size[size == 0.0] = 1.0
     cov = covariance(best.jacobian / size, best.resids) / np.outer(size, size)

@@ -11,10 +11,12 @@ from ...errors import RecordError
 from ...linalg.noise import NoiseModel
 from ...record import Record
 from ..controllers import Controller
+from . import linear
 from .data import Data
 from .forms import LEAST, Form, Regressions, plausible, price
 from .instruments import refined
 from .inverse import WHITE, innovation, turned
+from .linear import just_logged
 from .polish import Fitted, polished, values
 from .report import ControllerFit, Tried, fit_of, std_errors
 from .shapes import filters
@@ -40,7 +42,6 @@ _PER_NAME = 20  # rows of it per coefficient, at least
 _MOVED = 1e-3  # of a gain, by which the law that shows there is another one
 _UNLIKELY = 0.7  # prices of a setting that a kind must be better by if it is the less likely one
 _FILTERED = 1e-7  # share of the power left from which a filter in the loop is looked for
-_TELLS = 0.05  # of what the command's own past leaves, that what a law sees leaves at most
 _WORTH = 0.5  # of the residual's power that it must remove
 
 
@@ -57,7 +58,7 @@ def least(loop: ClosedLoop, record: Record) -> tuple[float, float]:
     RecordError
         As `identify`.
     """
-    return Data.of(loop, record, logged=False).least
+    return linear.least(Data.of(loop, record, logged=False))
 
 
 def identify(loop: ClosedLoop, record: Record) -> ControllerFit:
@@ -72,7 +73,7 @@ def _told_by_part(loop: ClosedLoop, record: Record) -> Searched | None:
     if part.n_samples == record.n_samples:
         return None
     try:
-        exact = _just_logged(Data.of(loop, part, logged=False))
+        exact = just_logged(Data.of(loop, part, logged=False))
     except RecordError:  # of which all may be at the limit
         return None
     if not exact:
@@ -98,7 +99,7 @@ def _search(loop: ClosedLoop, record: Record) -> Searched:
         tried += forms
         laws.append(plain)
     best, data = _cheapest(loop, laws, seen)
-    if best is not None and best.left > _NOISY and not _just_logged(seen[0]):
+    if best is not None and best.left > _NOISY and not just_logged(seen[0]):
         unseen = _unseen(loop, seen[0], best)
         if unseen is not None:
             return *unseen, tried
@@ -108,6 +109,10 @@ def _search(loop: ClosedLoop, record: Record) -> Searched:
             for plain, data in zip(laws, seen, strict=True)
         ]
         best, data = _cheapest(loop, laws, seen)
+    if best is not None and best.left > _FILTERED and just_logged(data):
+        law = linear.state_space(data)
+        found = polished(data, law) if law is not None else best
+        best = found if found.left < _FILTERED else best
     if best is not None and best.left > _NOISY:
         best, data = _quiet(loop, data, best) or (best, data)
         told = _instrumented(replace(data, low_pass=None), best)
@@ -294,12 +299,6 @@ def _stands(controller: Controller, fs: float) -> bool:
 
 
 # --- noise between the encoder and the log -----------------------------------------------------
-
-
-def _just_logged(data: Data) -> bool:
-    """Whether the controller saw what is logged: a law of few samples explains the command."""
-    left, alone = data.least
-    return left**2 < _FILTERED and left < _TELLS * alone
 
 
 def _unseen(loop: ClosedLoop, data: Data, raw: Fitted) -> tuple[Fitted, Data] | None:
