@@ -4,10 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from benchmarks import populations
 from ivtools.errors import RecordError
+from ivtools.gap import parity
 from ivtools.loop import Controller
+from ivtools.loop.identification import linear
+from ivtools.loop.identification.data import Data
 
 UNKNOWN = Controller("identify", {})
 pytestmark = pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
@@ -143,6 +147,32 @@ def test_the_logged_velocity_is_the_controllers():
     found = replace(loop, controller=UNKNOWN).identify_controller(record)[1].controller
     assert found.velocity == "logged"
     assert found.settings["kv"] == pytest.approx(kv, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["cascade-pd", "pid", "pd"])
+def test_two_filters_in_a_row_and_one_of_the_reference_are_read_as_matrices(kind):
+    """A linear law that is none of the kinds; what it gives is the record's command."""
+    loop, theta, record = played(5, kind)
+    notch = {"kind": "notch", "hz": 0.1 * record.sampling_hz, "damping": 0.4}
+    law = replace(loop.controller, filter=notch, delay=1)
+    pole = 0.97
+    smooth = signal.lfilter([1.0 - pole], [1.0, -pole], record.q_ref[:, 0])
+    seen = record.replace(q_ref=smooth)
+    sim = replace(loop, controller=law).simulate(seen, theta, initial="rest")
+    logged = record.replace(q=sim.q, nu=sim.nu)
+    found = replace(loop, controller=UNKNOWN).identify_controller(logged)[1]
+    assert found.controller.kind == "state-space" and found.residual < 0.01
+    assert "state-space, " in found.note and " states, delay 0" in found.note
+    shown = parity.check(logged, replace(loop, controller=found.controller), read=False)
+    assert shown.after < 1e-4
+
+
+def test_what_drives_the_axis_away_from_its_reference_is_no_law():
+    """Though a few past samples explain it: the sign of the command is wrong, or a unit."""
+    loop, _, record = played(1, "pd")
+    for wrong in (record.replace(nu=-record.nu), record.replace(q_ref=1000.0 * record.q_ref)):
+        data = Data.of(loop, wrong, logged=False)
+        assert linear.just_logged(data) and linear.state_space(data) is None
 
 
 def test_no_gain_of_an_error_is_ever_negative():

@@ -8,6 +8,7 @@ import pytest
 from ivtools import IDIMLS, Problem, Record, axes
 from ivtools.errors import AxisError, RecordError
 from ivtools.loop import ClosedLoop, Controller
+from ivtools.loop.controllers import velocity
 
 DT = 1e-3
 THETA = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -198,3 +199,18 @@ def test_without_a_reference_the_error_says_so():
     record, unknown = moving().replace(q_ref=None), replace(axes.emps(), controller=UNKNOWN)
     with pytest.raises(RecordError, match="q_ref is missing; a control law is fitted from"):
         Problem(record, unknown)
+
+
+@pytest.mark.parametrize("steps", [300, 3000, 30_000])
+@pytest.mark.parametrize("hz", [500.0, 4000.0])
+def test_a_velocity_beside_a_coarse_encoder_is_the_sensors_or_made_of_its_steps(steps, hz):
+    """Steps weaken what a regression finds; what is made of positions has their steps."""
+    t = np.arange(0.0, 8.0, 1.0 / hz)
+    true = np.sin(2.0 * np.pi * 0.4 * t) + 0.3 * np.sin(2.0 * np.pi * 1.1 * t)
+    step = np.ptp(true) / steps
+    q = step * np.round(true / step)
+    noise = 1e-3 * np.random.default_rng(steps).normal(size=len(t))
+    assert velocity.shown(q, np.gradient(true, t) + noise, 1.0 / hz) is None
+    taps = (0.4, 0.3, 0.2, 0.1)
+    made = np.convolve(np.diff(q, prepend=q[0]) * hz, taps)[: len(t)]
+    assert np.allclose(velocity.shown(q, made, 1.0 / hz), taps, atol=1e-6)

@@ -1,5 +1,6 @@
 """How effects are looked for: boxes, valleys, shapes, and records of different strokes."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from scipy import signal
 
 import ivtools as iv
-from benchmarks import moves
+from benchmarks import moves, populations
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import candidate, fit, parity
@@ -353,6 +354,31 @@ def test_a_backlash_is_found_where_it_is(seed):
     assert gap.parameters["backlash"]["gap"] == pytest.approx(true["gap"], rel=0.05)
     assert gap.parameters["backlash"]["load_share"] == pytest.approx(true["load_share"], rel=0.1)
     assert gap.shrink.closed > 0.9
+
+
+@pytest.mark.parametrize("wide", [0.012, 0.03])
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_gap_as_wide_as_some_per_cent_of_the_stroke_is_found(seed, wide):
+    """Of loops slower than their contact: with fast ones no two simulations rattle alike."""
+    rng = np.random.default_rng([seed, 5])
+    loop, theta, stroke = populations.axis(rng, ("prismatic", "revolute")[seed % 2])
+    law = populations.controller(rng, "pid", theta["inertia"], 400.0)
+    loop = replace(loop, controller=populations.scaled(law, loop.gain))
+    contact = {"contact_hz": 60.0, "damping": 0.6, "load_offset": 0.0}
+    true = {"gap": wide * stroke, "load_share": 0.3, "load_friction": 0.15, **contact}
+    other = loop.with_effect("backlash", **true)
+    values = theta | {f"backlash.{k}": v for k, v in true.items()}
+    records = []
+    for name in ("one", "two"):
+        reference = populations.reference(rng, 6000, 400.0, stroke)
+        noise = 1e-6 * stroke * rng.normal(size=6000)
+        force = 0.02 * theta["coulomb"] * rng.normal(size=6000)
+        options = {"initial": "rest", "position_noise": noise, "force_noise": force}
+        sim = other.simulate(reference, values, **options)
+        records.append(reference.replace(q=sim.q, nu=sim.nu, name=name))
+    gap = iv.diagnose(records[0], loop, records[1])
+    assert gap.effects == ("backlash",)
+    assert gap.parameters["backlash"]["gap"] == pytest.approx(true["gap"], rel=0.05)
 
 
 def jerked(loop, seed, times):

@@ -11,7 +11,18 @@ gains        what settings, other than the declared ones, explain it, and how la
 compared     the comparison, and the law that the record shows
 """
 
-from .compared import SUMMED, Parity, as_read, at_limit, at_rate, check, doubted, effects, relative
+from .compared import (
+    SUMMED,
+    Parity,
+    another,
+    as_read,
+    at_limit,
+    at_rate,
+    check,
+    doubted,
+    effects,
+    relative,
+)
 from .limit import beyond
 from .signals import Signals, grid
 
@@ -19,6 +30,7 @@ __all__ = [
     "SUMMED",
     "Parity",
     "Signals",
+    "another",
     "as_read",
     "at_limit",
     "at_rate",

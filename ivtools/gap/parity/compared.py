@@ -171,11 +171,14 @@ def doubted(record: Record, found: Parity) -> bool:
     """
     if found.oversampling > 1:
         return False
-    return found.after > PARITY_POOR or _there(record, found)
+    return found.after > PARITY_POOR or another(record, found)
 
 
-def _there(record: Record, found: Parity) -> bool:
-    """Whether there is a law that explains much more than the one that was found."""
+def another(record: Record, found: Parity) -> bool:
+    """Whether there is a law that explains much more than the one that was found, whatever it is.
+
+    It takes what is logged, when it is logged or later.
+    """
     if found.after <= ROUNDING:
         return False
     try:

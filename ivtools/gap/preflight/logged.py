@@ -163,9 +163,12 @@ def lateness(record: Record, loop: ClosedLoop, checked: Parity) -> Moved | None:
     """Return a record with its command by as many samples earlier as it may have been logged late.
 
     By how many more than the axis file says it follows the position; ahead of the position no law
-    can be, but a log can. None if it is by none, or the law explains little at any time.
+    can be, but a log can. None if it is by none, or the law explains little at any time, or another
+    law, which the record is asked for, explains it as logged.
     """
     poor = checked.after > PARITY_POOR
+    if poor and parity.another(record, checked):
+        return None
     ahead = checked.delay == 0 and checked.after > ROUNDING
     tried = {}
     for samples in LATENESS if poor else LATENESS[:1] if ahead else ():

@@ -77,7 +77,12 @@ def state_space(data: Data) -> Controller | None:
         return None
     B = np.column_stack([x[1:] + own * x[0] for x in (ref, q)])
     C = np.eye(1, order)
-    settings = {"A": A.tolist(), "B": B.tolist(), "C": C.tolist(), "D": [[ref[0], q[0]]]}
+    settings = {
+        "A": A.tolist(),
+        "B": B.tolist(),
+        "C": C.tolist(),
+        "D": [[float(ref[0]), float(q[0])]],
+    }
     return Controller("state-space", settings, limit=data.limit)
 
 
