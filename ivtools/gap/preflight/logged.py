@@ -28,6 +28,7 @@ from ..rules import (
     LATENESS,
     LAW_BETTER,
     LAW_ERROR,
+    LAW_THERE,
     MISPLACED,
     PARITY_POOR,
     REFERENCE_BETTER,
@@ -199,6 +200,8 @@ def misplaced(record: Record, loop: ClosedLoop, checked: Parity, known: int = 0)
 
     samples = known or min(MISPLACED, key=left)
     much = GAIN_NEEDED if known else 1.0 / GAIN_NEEDED if checked.mismatch else LAW_BETTER**0.5
+    if parity.another(record, checked):  # there is a law that explains all, as logged or so
+        much = LAW_THERE
     most = min(much * checked.after, LAW_ERROR)
     if not left(samples) < GAIN_NEEDED * most:  # with no setting changed it will not be less
         return None
