@@ -93,6 +93,8 @@ def wrong_unit(record: Record, loop: ClosedLoop, parity: Parity) -> str:
         text = "the recorded command has the opposite sign of what the controller gives"
         return f"{text}; check the sign of nu, or of q and q_ref"
     guess = looks_like(factor, loop.joint, "q and q_ref")
+    if guess and loop.log.units:
+        guess += " (iv.Record.read(path, loop.log) takes the units that the axis file has)"
     if abs(factor * parse("mV").factor - 1.0) < UNIT_NEAR:
         guess = "as if nu were in mV; give V"
     absurd = not 1.0 / ABSURD < factor < ABSURD
