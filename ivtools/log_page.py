@@ -74,13 +74,9 @@ def _card(found: Suitability, loop: ClosedLoop, doubts: Sequence[str]) -> Card:
     facts = [("Log", f"{rate}, {quantity(record.n_samples * record.dt, 's', 3)}")]
     law = loop.controller.kind
     if parity is not None:
-        gains = ", ".join(
-            f"{name} {value:.4g}"
-            for name, value in loop.controller.settings.items()
-            if isinstance(value, float)
-        )
         explained = 100.0 * (1.0 - parity.before**2)
-        law += f" ({gains}): explains {explained:.4g} % of the command's power"
+        settings = ", ".join(loop.controller.words)
+        law += f" ({settings}): explains {explained:.4g} % of the command's power"
     facts.append(("Controller", law))
     remarks = tuple(dict.fromkeys((*found.advice, *doubts)))
     if found.sufficient and not remarks:

@@ -114,9 +114,9 @@ class FirstAxis(Displayed):
     def _law(self) -> str:
         if self.fit is None:
             return "law: none was found"
-        gains = ", ".join(f"{k} {v:.4g}" for k, v in self.fit.controller.settings.items())
-        velocity = ", velocity as logged" if self.fit.controller.velocity == "logged" else ""
-        return f"law: {self.fit.controller.kind}, {gains}{velocity} (R2 {self.fit.r2:.4f})"
+        law = self.fit.controller
+        velocity = ["velocity as logged"] if law.velocity == "logged" else []
+        return f"law: {', '.join([law.kind, *law.words, *velocity])} (R2 {self.fit.r2:.4f})"
 
     def to_toml(self) -> str:
         """Return the axis file, with comments."""

@@ -19,7 +19,7 @@ from ...loop import ClosedLoop, Controller
 from ...loop.axis_file import controller_table, toml
 from ...loop.rough_inertia import shown_inertia
 from ...record import Record
-from ...units import JOINTS, plural
+from ...units import JOINTS
 from ..fit import Fit
 from ..fold import usable
 from ..parity import SUMMED, Parity, beyond
@@ -410,9 +410,9 @@ def explain_command(parity: Parity) -> str:
 def described(controller: Controller) -> str:
     """Return what an axis file would say of a law, in a line; of matrices how many states."""
     if controller.kind == "state-space":
-        states = plural(len(controller.settings["A"]), "state")
-        what = "a filter of the reference, or two in a row"
-        return f"a linear law with {states}, as with {what} (identify_controller has its matrices)"
+        what = "as with a filter of the reference, or two in a row"
+        law = f"a linear law with {controller.words[0]}"
+        return f"{law}, {what} (`ivtools axis new` has its matrices)"
     plain = Controller("none", {})
     if all(abs(w) < GAIN_ERROR for w in controller.velocity_filter[1:]):
         controller = replace(controller, velocity_filter=plain.velocity_filter)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...errors import AxisError
 from ...record import Record
+from ...units import plural
 from .filters import LoopFilter
 from .kinds import KINDS, UNKNOWN, Kind
 from .law import LinearLaw
@@ -164,6 +165,13 @@ class Controller:
         differs = "velocity_filter" in names and self.velocity == "differences"
         fed = tuple(f"{k}.{n}" for k in ("feedforward", "feedback") for n in getattr(self, k))
         return (*own, *(("velocity_filter",) if differs else ()), *fed)
+
+    @property
+    def words(self) -> list[str]:
+        """The settings in words; of matrices how many states they have."""
+        if "A" in self.settings:
+            return [plural(len(self.settings["A"]), "state")]
+        return [f"{name} {value:.4g}" for name, value in self.settings.items()]
 
     @cached_property
     def full(self) -> dict[str, Any]:

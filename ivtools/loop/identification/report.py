@@ -12,7 +12,6 @@ from ...display import Displayed
 from ...errors import RecordError
 from ...linalg import covariance
 from ...tables import Text, table
-from ...units import plural
 from ..controllers import Controller
 from .data import Data
 from .polish import Fitted, values
@@ -97,8 +96,7 @@ class ControllerFit(Displayed):
     def note(self) -> str:
         """The law and its uncertainty in one line."""
         gains = [f"{k} {v:.5g} ({self.std_errors[k]:.1g})" for k, v in self.estimates.items()]
-        if "A" in self.controller.settings:
-            gains = [plural(len(self.controller.settings["A"]), "state")]
+        gains = gains or self.controller.words
         doubt = "; a poor fit, so treat what rests on it with care" if self.residual > _POOR else ""
         velocity = ", velocity as logged" if self.controller.velocity == "logged" else ""
         behind = f" below {self.low_pass:.3g} Hz" if self.low_pass else ""
