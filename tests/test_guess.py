@@ -8,10 +8,12 @@ import sloppy_logs
 import vendor_logs
 from foreign_logs import STYLES, Log, draw
 
+from benchmarks import left_out
 from ivtools.cli import run
 from ivtools.columns import plain_name
 from ivtools.csv_layout import sniff
 from ivtools.errors import IVToolsError
+from ivtools.gap import parity
 from ivtools.guess import FirstAxis, first_axis
 from ivtools.guess.words import read
 from ivtools.loop import ClosedLoop
@@ -170,6 +172,27 @@ def test_the_axis_file_is_one_that_the_other_verbs_take(tmp_path, capsys):
     assert settings["kp"] == pytest.approx(log.loop.controller.settings["kp"], rel=0.02)
     assert settings["ki"] == pytest.approx(log.loop.controller.settings["ki"], rel=0.02)
     assert run(["identify", str(path), "--axis", str(file)]) == 0
+
+
+@pytest.mark.filterwarnings("ignore::ivtools.errors.IVToolsWarning")
+def test_a_law_that_is_none_of_the_kinds_is_written_as_matrices(tmp_path, capsys):
+    """One with a filter of its reference: the verbs go on with it."""
+    _, (first, second) = left_out.draw(5, "reference filter", "")
+    paths = [tmp_path / f"{r.name}.csv" for r in (first, second)]
+    for path, r in zip(paths, (first, second), strict=True):
+        table = np.column_stack([r.t, r.q[:, 0], r.q_ref[:, 0], r.nu[:, 0]])
+        np.savetxt(path, table, delimiter=",", header="t,q,q_ref,nu", comments="", fmt="%.16g")
+    file = tmp_path / "axis.toml"
+    assert run(["axis", "new", str(paths[0]), "--out", str(file)]) == 0
+    told = capsys.readouterr().out
+    assert "law: state-space, " in told and " states (R2 1.0000)" in told
+    loop = ClosedLoop.from_file(file)
+    for path in paths:
+        assert parity.check(Record.read(path, loop.log), loop, read=False).after < 1e-4
+    both = [str(paths[0]), "--axis", str(file), "--holdout", str(paths[1])]
+    assert run(["check", str(paths[0]), "--axis", str(file), "--out", str(tmp_path / "page")]) == 0
+    assert run(["diagnose", *both]) == 0
+    assert "verdict: adequate" in capsys.readouterr().out
 
 
 def test_what_is_no_log_is_one_line(tmp_path):
