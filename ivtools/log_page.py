@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from .errors import IVToolsError
 from .plots.parity import parity_chart
 from .plots.record import record_chart
@@ -60,9 +62,13 @@ def log_page(
 def _stated(loop: ClosedLoop) -> Text:
     """Return the settings of a law that was not fitted."""
     law = loop.controller
-    rows = [
-        [name, f"{v:.6g}" if isinstance(v, float) else str(v)] for name, v in law.settings.items()
-    ]
+    rows = []
+    for name, value in law.settings.items():
+        if isinstance(value, str):
+            rows.append([name, value])
+            continue
+        for k, line in enumerate(np.atleast_2d(np.asarray(value, dtype=float))):  # of a matrix
+            rows.append([name * (k == 0), ", ".join(f"{x:.6g}" for x in line)])
     rows += [["delay, samples", f"{law.delay}"], ["limit", f"{law.limit:g}"]]
     return table(f"Controller, as stated: {law.kind}", [], ["", "value"], rows)
 
