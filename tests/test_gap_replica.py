@@ -70,7 +70,12 @@ def test_sizes_that_trade_are_compared_by_what_they_do_together():
 def test_a_drift_agrees_but_for_its_size():
     loop = iv.axes.emps().with_effect("offset-drift", rate=1.0, curvature=0.0)
     one = {"offset-drift.rate": 1.0, "offset-drift.curvature": -0.05}
-    for share, agree, resized in ((0.9, True, False), (0.3, True, True), (-0.3, False, False)):
+    for share, agree, resized in (
+        (0.9, True, False),
+        (0.3, True, True),
+        (0.1, False, False),
+        (-0.3, False, False),
+    ):
         two = {n: share * x for n, x in one.items()}
         (found,) = replicas(["offset-drift"], SIDES, (one, two), loop, ())
         assert (found.replicates, found.resized) == (agree, resized)

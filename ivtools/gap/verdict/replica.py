@@ -14,7 +14,7 @@ from ..attribute import Attribution
 from ..candidate import phases
 from ..fit import Fit, of_effect
 from ..parity import Parity, relative
-from ..rules import AGREES
+from ..rules import AGREES, GOES_ON
 from ..screen import unit_force
 
 Array = NDArray[np.float64]
@@ -142,7 +142,8 @@ def _fitted(
     does = np.column_stack([made[n] for n in sizes]) @ x if known else _relative(x)
     agree, resized = _agree(does) if sizes else None, False
     if term.of_time and agree is False:  # of the same form, it is as large as is left to go
-        agree = resized = _agree(does / np.maximum(np.linalg.norm(does, axis=0), 1e-300))
+        large = np.maximum(np.linalg.norm(does, axis=0), 1e-300)
+        agree = resized = _agree(does / large) and bool(large.max() <= GOES_ON * large.min())
     short = {n: n.replace(f"{effect}.", "") for n in pairs}
     return Replica(
         effect,
