@@ -204,8 +204,8 @@ def remarks(
         beyond = 1.0 - compared.fold.common.n_kept / m.fold.n_kept
         if held_out and not m.floor.isolated and beyond > REMARK:
             lines.append(
-                f"{name}: {100 * beyond:.0f} % of its samples are at positions or times that the other "
-                "record does not cover; effects of position or time are judged on the rest"
+                f"{name}: {100 * beyond:.0f} % of its samples are at positions or times that the "
+                "other record does not cover; effects of position or time are judged on the rest"
             )
         if p.delay != p.declared.delay:
             better = (
