@@ -64,9 +64,6 @@ def _stated(loop: ClosedLoop) -> Text:
     law = loop.controller
     rows = []
     for name, value in law.settings.items():
-        if isinstance(value, str):
-            rows.append([name, value])
-            continue
         for k, line in enumerate(np.atleast_2d(np.asarray(value, dtype=float))):  # of a matrix
             rows.append([name * (k == 0), ", ".join(f"{x:.6g}" for x in line)])
     rows += [["delay, samples", f"{law.delay}"], ["limit", f"{law.limit:g}"]]

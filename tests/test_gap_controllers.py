@@ -226,3 +226,41 @@ def test_what_a_command_says_of_itself_is_no_law():
     left, own = identification.least(loop, alone)
     assert own < 0.05 and left > 0.5 * own
     assert not parity.doubted(alone, replace(parity.check(alone, loop, read=False), after=0.019))
+
+
+def test_a_little_off_is_no_mistake_of_a_law_that_was_read():
+    loop, record = played("pd")
+    law = loop.controller
+    for times, gross in ((1.02, False), (1.3, True)):
+        stated = replace(law, settings={**law.settings, "kp": times * law.settings["kp"]})
+        shown = parity.check(record, replace(loop, controller=stated), read=False)
+        assert "kp" in shown.mismatch
+        kept = parity.as_read(shown)
+        assert (kept is shown) is gross and (kept.found == {}) is not gross
+        assert kept.loop.controller == shown.loop.controller
+
+
+@pytest.mark.parametrize("steps", [500, 5000])
+def test_without_a_controller_a_coarse_encoder_does_not_pull(steps):
+    """Where a sensor measures the velocity: differences of the steps had been the force."""
+    loop, record = played("p-pi", n=4000)
+    step = float(np.ptp(record.q)) / steps
+    dq = np.gradient(record.q, record.dt, axis=0)
+    coarse = record.replace(q=step * np.round(record.q / step), dq=dq)
+    bare = replace(loop, controller=Controller("none", {}))
+    driven, pulled = preflight.pulled(coarse, bare)
+    assert pulled.controller.velocity == "logged" and np.array_equal(driven.dq_ref, dq)
+    driven, pulled = preflight.pulled(coarse.replace(dq=None), bare)
+    assert pulled.controller.velocity == "differences"
+
+
+def test_a_record_read_without_the_units_of_the_axis_file_is_told_how_to_be_read():
+    loop, record = played("pd")
+    metres = loop.joint == "prismatic"
+    factor, unit = (1000.0, "mm") if metres else (180.0 / np.pi, "deg")
+    other = record.replace(q=factor * record.q, q_ref=factor * record.q_ref)
+    known = replace(loop, log=replace(loop.log, units={"q": unit, "q_ref": unit}))
+    for one, told in ((loop, False), (known, True)):
+        (found,) = iv.diagnose(other, one).findings[:1]
+        assert "as if q and q_ref were in" in found.text
+        assert ("iv.Record.read(path, loop.log)" in found.text) is told

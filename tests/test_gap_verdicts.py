@@ -14,6 +14,7 @@ from benchmarks import moves
 from ivtools.errors import DataError, IVToolsError, RecordError
 from ivtools.gap.attribute import Supposed
 from ivtools.gap.attribute.kept import names_kept, outmatched
+from ivtools.gap.attribute.rounds import pvalues
 from ivtools.gap.discrepancy import Basis, Columns, Discrepancy, Laws, Spline, stands
 from ivtools.gap.fit import Fit
 from ivtools.gap.preflight import identifiable, overlap
@@ -61,7 +62,17 @@ def test_a_changed_setting_is_said_and_is_not_adequate(name, value):
     found = json.loads(json.dumps(gap.to_dict()))["changed"][name]
     assert found["record"] == pytest.approx(BASE[name], rel=0.03)
     assert found["holdout"] == pytest.approx(value, rel=0.03)
-    assert "between the records" in gap.summary()
+    assert f"non-repeatable (between the records, {name} changed)" in gap.summary()
+    assert "a changed setting, not a missing effect" in " ".join(gap.summary().split())
+    doubtful = replace(gap.changed[name], sure=False)
+    assert "a changed setting, or the work of a missing effect" in doubtful.said(name)
+
+
+def test_what_raises_the_error_has_no_small_p_value():
+    """The t value is of the best multiple of an effect, which may be there and fitted wrongly."""
+    shown = [SimpleNamespace(name=n, t=[50.0, 40.0], gain=g) for n, g in (("a", 0.2), ("b", -0.2))]
+    first = SimpleNamespace(trials=shown, scores=[np.ones((2, 30))] * 2)
+    assert pvalues(first) == {"a": 0.0, "b": 1.0}
 
 
 @pytest.fixture(scope="module")
@@ -149,6 +160,9 @@ def test_a_force_that_has_a_suspect_is_not_said_to_come_from_outside():
     for described in (False, True):
         said = remainder(found, shrink, described).text
         assert said.startswith("presliding by itself removes 80 %") and "outside" not in said
+    assert "stretches" not in said
+    found.supposed = found.supposed._replace(eventful=True)
+    assert "the stretches that stand out included" in remainder(found, shrink, False).text
 
 
 def test_a_judge_takes_part_in_nothing():
@@ -303,6 +317,7 @@ def test_at_most_three_signals_of_a_force_without_a_name_are_told(over, signals,
         f"a force of 1.9 mN rms repeats over {said} and is not among the known effects; "
         f"a {kind} would leave about 0.9 of 2.5 mN rms"
     )
+    assert replace(found, after=2.6e-3).leaves == "all of 2.5 mN rms"
     hardly = Discrepancy(1.9e-3, "N", over, 0.5, 2.5e-3, 2.49e-3, ())
     assert hardly.text.endswith("would leave nearly all of 2.5 mN rms")
 

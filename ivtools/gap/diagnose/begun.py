@@ -188,8 +188,6 @@ def begin(task: Task, progress: Progress | None = None) -> Begun | Diagnosis:
     if task.inspected is None:
         task, loop, compared, logged = _as_it_acted(task, loop)
         inspected = _inspected(task, loop, compared)
-        if task.loop.controller.kind == "identify":
-            inspected = inspected._replace(checked=tuple(map(parity.as_read, inspected.checked)))
     else:
         inspected, logged = task.inspected.under(loop), []
     record, records, given = task.record, task.records, task.given.values()
@@ -418,6 +416,8 @@ def _inspected(task: Task, loop: ClosedLoop, compared: Sequence[Parity]) -> Insp
         found += preflight.overlap(task.record, task.holdout)
     if task.judge is not None:
         found += [f for r in task.records for f in preflight.overlap(r, task.judge, "judge")]
+    if task.loop.controller.kind == "identify":  # no axis file has it wrong
+        checked = tuple(map(parity.as_read, checked))
     return Inspected(checked, tuple(found))
 
 

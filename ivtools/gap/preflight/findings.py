@@ -389,10 +389,8 @@ def explain_command(parity: Parity) -> str:
         best = sorted(parity.read.kinds.items(), key=lambda kind: -kind[1])
         listed = ", ".join(f"{kind} {r2:.2f}" for kind, r2 in best)
         tried = f"; no kind of law gives all of it either; R2 of each where it was fitted: {listed}"
-        tried += (
-            f"{_remains(parity)}; state the matrices if it is a state-space law: they are read "
-        )
-        tried += "only where every sample is just what the controller saw"
+        tried += f"{_remains(parity)}; matrices of a state-space law are read only where every "
+        tried += "sample is just what the controller saw: state them if it is one"
     left = 100.0 * parity.after
     if parity.at is not None:
         return (

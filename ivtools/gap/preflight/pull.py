@@ -13,7 +13,6 @@ import numpy as np
 from ...errors import RecordError
 from ...loop import ClosedLoop, Controller
 from ...loop.bandwidth import margin_deg
-from ...loop.controllers.velocity import shown
 from ...loop.observer import driven_by
 from ...loop.rough_inertia import shown_inertia
 from ...record import Record
@@ -89,11 +88,9 @@ def pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
     unit = inertia * 2.0 * np.pi * hz / loop.gain
     pull = Controller("pd", {"kp": unit * 2.0 * np.pi * hz, "kd": 2.0 * PULL_DAMPING * unit})
     driven = driven_by(loop.command(record), record.q, record)  # smoothed, it would pull by itself
-    if record.dq is not None and shown(record.q[:, 0], record.dq[:, 0], record.dt) is None:
-        driven, pull = (
-            driven.replace(dq_ref=record.dq, dq=record.dq),
-            replace(pull, velocity="logged"),
-        )
+    sensed = replace(pull, velocity="logged")
+    if record.dq is not None and sensed.known(record) is sensed:  # steps of the encoder are not it
+        return driven.replace(dq_ref=record.dq), replace(loop, controller=sensed)
     return driven, replace(loop, controller=pull)
 
 

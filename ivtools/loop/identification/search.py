@@ -258,7 +258,7 @@ def _surrounded(loop: ClosedLoop, data: Data, least: float) -> list[Fitted]:
         for form in sorted(forms, key=lambda f: f.criterion)[:_FORMS]:
             grown = regressions.grown(form)
             first = grown.controllers(loop.controller, data)[:1]
-            for c in (*first, *(law for one in first for law in grown.ahead(one))):
+            for c in (law for one in first for law in (one, *grown.ahead(one))):
                 own = {**c.settings, "derivative_filter": lag} if lag else c.settings
                 starts.append((grown.criterion, replace(c, filter=shape, settings=own)))
     families: dict[tuple[object, ...], list[Controller]] = {}
