@@ -22,7 +22,7 @@ import ivtools as iv
 from ivtools.loop import ClosedLoop, Controller
 from ivtools.record import Record
 
-from .populations import append, axis, controller, reference, rows, scaled
+from .populations import axis, controller, filled, reference, scaled
 
 KINDS = ("cascade-pd", "pd", "pid", "p-pi")
 EFFECTS = ("stribeck", "cogging", "spring")
@@ -177,19 +177,11 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=10)
     args = parser.parse_args()
     warnings.simplefilter("ignore")
-    args.file.parent.mkdir(parents=True, exist_ok=True)
-    there = {(int(r["seed"]), r["detail"], bool(r["effect"])) for r in rows(args.file)}
-    for seed in range(args.first, args.first + args.count):
-        for detail in DETAILS:
-            for effect in ("", EFFECTS[seed % len(EFFECTS)]):
-                row = None
-                if (seed, detail, bool(effect)) not in there:
-                    row = answer(seed, detail, effect)
-                if row is not None:
-                    append(args.file, row)
-                    print("; ".join(f"{k} {v}" for k, v in row.items()), flush=True)
+    seeds = range(args.first, args.first + args.count)
+    cases = [(k, d, e) for k in seeds for d in DETAILS for e in ("", EFFECTS[k % len(EFFECTS)])]
+    found = filled(args.file, cases, answer)
     for detail in DETAILS:
-        own = [r for r in rows(args.file) if r["detail"] == detail]
+        own = [r for r in found if r["detail"] == detail]
         right = sum(r["named"] == "True" and not r["others"] for r in own)
         others = sum(bool(r["others"]) for r in own)
         print(f"{detail}: {right} of {len(own)} right, {others} with another name")

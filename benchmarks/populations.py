@@ -1,7 +1,7 @@
 """Populations of controllers: every kind, with all that may surround a law."""
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,3 +122,23 @@ def append(file: Path, row: Mapping[str, object]) -> None:
         if new:
             writer.writeheader()
         writer.writerow(row)
+
+
+def filled(
+    file: Path,
+    cases: Iterable[tuple[object, ...]],
+    answer: Callable[..., Mapping[str, object] | None],
+) -> list[dict[str, str]]:
+    """Add the rows of the cases that a csv file lacks, one at a time, and return all that it holds.
+
+    A case is what stands first in its row; ``answer(*case)`` makes that, or None if there is none.
+    """
+    file.parent.mkdir(parents=True, exist_ok=True)
+    there = [list(row.values()) for row in rows(file)]
+    for case in cases:
+        known = any(row[: len(case)] == [str(x) for x in case] for row in there)
+        row = None if known else answer(*case)
+        if row is not None:
+            append(file, row)
+            print("; ".join(f"{k} {v}" for k, v in row.items()), flush=True)
+    return rows(file)

@@ -20,7 +20,7 @@ import ivtools as iv
 from ivtools.loop import Controller
 from ivtools.loop.axis_file import from_tables
 
-from .populations import append, rows
+from .populations import filled
 from .withheld.cases import draw
 from .withheld.effects import AT_CONTROLLER, EFFECTS, twins
 from .withheld.suites import Task
@@ -91,15 +91,8 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=60)
     args = parser.parse_args()
     warnings.simplefilter("ignore")
-    args.file.parent.mkdir(parents=True, exist_ok=True)
-    there = {int(row["seed"]) for row in rows(args.file)}
-    for seed in sorted(set(range(args.first, args.first + args.count)) - there):
-        row = answer(seed)
-        if row is None:
-            continue
-        append(args.file, row)
-        print("; ".join(f"{k} {v}" for k, v in row.items()), flush=True)
-    found = rows(args.file)
+    seeds = range(args.first, args.first + args.count)
+    found = filled(args.file, ((seed,) for seed in seeds), answer)
     count = {key: sum(row[key] == "True" for row in found) for key in ("law", "named")}
     false = sum(bool(row["others"]) for row in found)
     print(f"{len(found)} cases: law {count['law']}, effect {count['named']}, other names {false}")
