@@ -63,6 +63,18 @@ def test_dry_friction_only_ever_opposes_the_motion(term):
     assert ahead >= back
 
 
+@pytest.mark.parametrize("term", LAWS, ids=lambda term: term.name)
+def test_only_what_is_dry_depends_on_the_direction_at_standstill(term):
+    """Whatever its parameters are, and wherever, however loaded and whenever the axis stands."""
+    rng, differs = np.random.default_rng(5), 0
+    for _ in range(200):
+        (q, tau), t = rng.normal(0.0, 3.0, 2), rng.uniform(0.1, 9.0)
+        values = [np.clip(rng.lognormal(), p.lower, p.upper) for p in term.parameters]
+        ahead, back = (term.law(q, 0.0, 0.0, s, tau, t, *values) for s in (1.0, -1.0))
+        differs += ahead != back
+    assert term.net or term.dry == (differs > 0)
+
+
 def test_every_documented_effect_is_known():
     assert sorted(EFFECTS) == sorted(DOCUMENTED)
 

@@ -92,6 +92,7 @@ def _one_of(names):
 
 BITS = {n: 1 << i for i, n in enumerate(n for n, t in TERMS.items() if t.law and n not in PLAIN)}
 _NET = sum(BITS[n] for n in BITS if TERMS[n].net)  # one at most: two would have to be solved
+_DRY = sum(BITS[n] for n in BITS if TERMS[n].dry)
 _first, _second, _third = (_fields(OWN[i : i + 4]) for i in (0, 4, 8))
 plain_resistance = _sum(_ALWAYS)
 _law = _one_of(tuple(BITS))
@@ -124,17 +125,23 @@ def user_law(terms):
     return cfunc(SCALAR_LAW)(lambda q, v, s, tau, t, own: total(q, v, s, tau, t, own))
 
 
-@compiled
+@inlined
 def extra_resistance(q, v, s, tau, t, p, on, user):
     """Return the force of the effects that oppose a motion in direction s, N."""
-    f, laws, place, sent = 0.0, on["laws"] & ~_NET, q + p["apart"], tau - p["outside"]
+    return _of_laws(on["laws"], q, v, s, tau, t, p, on, user)
+
+
+@compiled
+def _of_laws(laws, q, v, s, tau, t, p, on, user):
+    """Return the force of these of the laws, by their bits, and of a user's own."""
+    f, net, place, sent = 0.0, laws & _NET, q + p["apart"], tau - p["outside"]
+    laws &= ~_NET
     while laws:
         bit = laws & -laws
         f += _law(bit, place, v, s, sent, t, p)
         laws ^= bit
     if on["own"]:
         f += _own_law(place, v, s, sent, t, p, user)
-    net = on["laws"] & _NET
     if net:
         drives = tau - f - plain_resistance(q, v, s, tau, t, p)
         f += _law(net, place, v, s, drives, t, p)
@@ -248,8 +255,12 @@ def link_force(x, side, p):
 @compiled
 def friction_level(q, tau, t, p, on, user):
     """Return the dry friction of the motor between its two directions, N."""
-    up = resistance(q, 0.0, 1.0, tau, t, p, on, user)
-    return 0.5 * (1.0 - p["share"]) * (up - resistance(q, 0.0, -1.0, tau, t, p, on, user))
+    dry = on["laws"] & _DRY  # other laws would cancel
+    width = plain_resistance(q, 0.0, 1.0, tau, t, p) - plain_resistance(q, 0.0, -1.0, tau, t, p)
+    if dry or on["own"]:
+        width += _of_laws(dry, q, 0.0, 1.0, tau, t, p, on, user)
+        width -= _of_laws(dry, q, 0.0, -1.0, tau, t, p, on, user)
+    return 0.5 * (1.0 - p["share"]) * width
 
 
 @compiled

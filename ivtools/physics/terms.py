@@ -261,6 +261,18 @@ class Term:
         alone = not any(self._changes(values, **other) for other in others)
         return alone and np.allclose(ahead, faster) and np.allclose(ahead, -back)
 
+    @cached_property
+    def dry(self) -> bool:
+        """Whether its law depends on the direction of motion at standstill, as dry friction does.
+
+        What takes the net force may do so by that.
+        """
+        if self.law is None:
+            return False
+        values = [float(np.clip(0.5, p.lower, p.upper)) for p in self.parameters]
+        ahead, back = (self.law(0.1, 0.0, 0.0, s, 3.0, 0.5, *values) for s in (1.0, -1.0))
+        return self.net or bool(ahead != back)
+
     def _changes(self, values: Iterable[float], later: float = 0.0, **more: float) -> bool:
         """Whether the force along a small motion is another one later, or with more of a signal."""
         t = np.linspace(0.0, 1.0, 50)
