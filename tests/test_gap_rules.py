@@ -105,7 +105,7 @@ class Tried(SimpleNamespace):
 
 
 @pytest.mark.parametrize(
-    ("left", "names", "rivals"),
+    ("left", "names", "twins"),
     [
         (1.3, ("sqrt-viscous", "polynomial-viscous"), ("sqrt-viscous", "polynomial-viscous")),
         (1.3, ("sqrt-viscous", "spring", "gravity"), ("sqrt-viscous", "spring", "gravity")),
@@ -113,15 +113,15 @@ class Tried(SimpleNamespace):
         (1.01, ("sqrt-viscous", "polynomial-viscous"), ()),
     ],
 )
-def test_what_is_left_may_decide_between_rivals(left, names, rivals):
+def test_what_is_left_may_decide_between_twins(left, names, twins):
     """Whatever t value tells them apart; it does where nothing else is left."""
     base = (SimpleNamespace(cost=left),)
     best, *others = (
         Tried(name=n, term=EFFECTS[n], gain=g, held=base)
         for n, g in zip(("stribeck", *names), (0.1, 0.098, 0.097, 0.096), strict=False)
     )
-    tried = Round({}, (best, *others), qualified=(best,))
-    assert tuple(t.name for t in tried.rivals(Rules(), left)) == rivals
+    tried = Round(Rules(), {}, (best, *others), qualified=(best,))
+    assert tuple(t.name for t in tried.twins(left)) == twins
 
 
 def test_evidence_counts_in_the_right_direction():

@@ -405,7 +405,7 @@ def test_a_limit_that_only_the_largest_forces_meet_is_found(seed):
     gap = iv.diagnose(jerked(loop, 1, pair[0]), plain, jerked(loop, 2, pair[1]))
     assert gap.effects == ("inner-saturation",)
     assert gap.parameters["inner-saturation"]["force"] == pytest.approx(limit, rel=0.01)
-    assert not any("nothing that is named explains" in text for text in gap.advice)
+    assert not any("no named effect explains" in text for text in gap.advice)
 
 
 def test_what_stands_out_at_the_same_times_of_one_motion_is_not_from_outside():

@@ -109,7 +109,7 @@ def observed(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
 
 def _attempt(found: Any, nameless: list[float]) -> dict[str, Any]:
     """Return what a selection showed: its rounds, and names against a force without one."""
-    from ivtools.gap.attribute import cost
+    from ivtools.gap.fit import cost
 
     winners = [(r, r.best) for r in found.rounds if r.best is not None]
     return {

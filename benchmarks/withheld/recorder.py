@@ -33,11 +33,11 @@ def names(found: Any, truth: Collection[str]) -> Iterator[dict[str, Any]]:
     truth : collection of str
         The effects that are there: a name is right if it or what is not told from it is.
     """
-    from ivtools.gap.attribute import cost
+    from ivtools.gap.fit import cost
 
     for r in found.rounds:
         if r.best is None:
             continue
-        alike = {r.best.name, *(t.name for t in r.rivals(found.rules, cost(found.held)))}
+        alike = {r.best.name, *(t.name for t in r.twins(cost(found.held)))}
         told = {"name": r.best.name, "given": r.best.name in found.named}
         yield {**told, "right": bool(alike & {*truth}), **found.proof(r, r.best).to_dict()}

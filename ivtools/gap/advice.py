@@ -39,6 +39,8 @@ from .rules import (
 
 Array = NDArray[np.float64]
 
+_SHOWN = 6  # stretches in a sentence
+
 
 def _slower(record: Record) -> Record:
     """Make the same motion more slowly, with as many samples."""
@@ -222,9 +224,10 @@ def remarks(
                 "recorded size"
             )
         if m.floor.isolated and (stretches := _left(m, compared, held)):
-            when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in stretches[:6])
-            what = "nothing that is named" if result.named else "no smooth law"
-            lines.append(f"{name}: stretches far above the noise, which {what} explains: {when}")
+            when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in stretches[:_SHOWN])
+            when += f" and {len(stretches) - _SHOWN} more" * (len(stretches) > _SHOWN)
+            what = "named effect" if result.named else "smooth law"
+            lines.append(f"{name}: stretches far above the noise, which no {what} explains: {when}")
         noise = min(m.floor.noise, m.base.force_rms)  # a model of it is rough at its lowest hertz
         if m.floor.between is None and noise > NOISY * m.force:
             lines.append(

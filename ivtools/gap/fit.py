@@ -262,6 +262,16 @@ def _law_change(
         return (term.force(q, dq, ddq, then, *more) - term.force(q, dq, ddq, now, *more)) / step
 
 
+def costs(fits: Sequence[Fit]) -> Array:
+    """Return the mean square of the whitened error of each fit, (n_fits,)."""
+    return np.array([f.cost for f in fits])
+
+
+def cost(fits: Sequence[Fit]) -> float:
+    """Return the mean square of the whitened error, mean of the folds."""
+    return float(np.mean(costs(fits)))
+
+
 def common(fits: Sequence[Fit]) -> tuple[Fit, ...]:
     """Return fits, one on each fold, on what both of these have in common."""
     return tuple(f.common for f in fits)

@@ -342,9 +342,9 @@ class Fold:
 
         return cost
 
-    def only(self, keep: Mask, label: str) -> Fold:
+    def only(self, keep: Mask, label: str = "") -> Fold:
         """Return the fold of those of its samples that are kept."""
-        return replace(self, keep=self.keep & keep, label=label)
+        return replace(self, keep=self.keep & keep, label=label or self.label)
 
     @property
     def common(self) -> Fold:

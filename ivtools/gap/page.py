@@ -36,8 +36,8 @@ _RECORD_ALONE = (
     "above the noise."
 )
 _WHERE = (
-    "What counts: not the transient at the start, the command at its limit, standstill, or the "
-    "stretches that the effects were fitted to."
+    "What counts: not the transient at the start, the command at its limit, standstill, or, of one "
+    "record alone, the stretches that the effects were fitted to."
 )
 _OF_LITTLE = "What each effect would close of the little that is above the floor"
 _ASKED = {
@@ -173,9 +173,9 @@ def _more(diagnosis: Diagnosis) -> list[str]:
 def _nameless(left: Discrepancy) -> str:
     """Return how to read the figures of a force without a name."""
     return (
-        f"The force repeats over {left.said}. A {left.law}, fitted to one half of the data and put "
-        f"into the model, leaves {left.leaves} of the force error on the other half: so far at "
-        "least a law without a name closes what is left."
+        f"The force repeats over {left.said}. A {left.law}, fitted to one part of the data and put "
+        f"into the model, leaves {left.leaves} of the force error on the other part: so far at "
+        "least a law without a name closes the gap that is left."
     )
 
 

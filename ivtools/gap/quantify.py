@@ -266,8 +266,8 @@ def beside(
     """
     tuned = _tuned(measured, result)
     if both is not None:
-        fold = fold.only(both, fold.label)
-        tuned = tuned.refit(tuned.fold.only(both, fold.label), iterations=RETUNED)
+        fold = fold.only(both)
+        tuned = tuned.refit(tuned.fold.only(both), iterations=RETUNED)
     more = tuned.refit(replace(tuned.fold, against=force), iterations=RETUNED)
     without, after = (
         _judged(fit, replace(fold, against=fit.fold.against)).force_rms for fit in (tuned, more)

@@ -174,8 +174,6 @@ GROSS_GAIN = 0.15
 OVER_LIMIT = 1.05
 #: Command over its declared limit from which a unit must be wrong (physics).
 WRONG_UNIT = 2.0
-#: Inertia of the record over that of the axis file (physics: units, not payloads).
-INERTIA_RANGE = (0.05, 20.0)
 #: Share of samples at the limit beyond which nothing behind the command is named (training). If the
 #: axis file states that limit, the record is refused.
 SATURATED = 0.2
@@ -188,7 +186,8 @@ UNIT_NEAR = 0.2
 UNIT_R2 = 0.98
 #: Samples that give a wrong unit away: of a longer record the first ones (cost).
 UNIT_SAMPLES = 1_000_000
-#: Ratio of recorded and expected command that is absurd (physics: gains stay below).
+#: Ratio of recorded and expected command, or of the inertia that the record shows and that of the
+#: axis file, that is absurd, either way (physics: it is a unit; gains and payloads stay below).
 ABSURD = 20.0
 #: Correlation of recorded and expected command that speaks of a wrong sign (theory).
 OPPOSITE = -0.5

@@ -137,7 +137,7 @@ def _shapes(
         return [{term.period: p} for p in lines[term.name]]
     if term.search == "either":
         return alternatives(term, scales)
-    if term.search == "valleys" and [p.scale for p in term.parameters] == ["peak"]:  # a limit
+    if term.by_inverse:  # a limit of the drive: how much of the force exceeds it
         shares = np.geomspace(*ASKED, 1 << GLANCE)
         asked = np.quantile(np.abs(now.tau), 1.0 - shares).tolist()
         return [{term.parameters[0].name: x} for x in asked]
@@ -159,8 +159,7 @@ def _direction(
     if term.as_force is not None:
         names = tuple(p.name for p in term.parameters if p.linear)
         own = [shape[p.name] for p in term.parameters if not p.linear]
-        q, dt = now.q[:, 0], fit.fold.record.dt
-        forces = term.as_force(q, dt, fit.values["inertia"], *own)
+        forces = term.as_force(now.where, fit.fold.record.dt, fit.values["inertia"], *own)
         return _Push(term, shape, names, forces)
     key, fold = (term.name, *shape.items()), fit.fold
     if key not in fold.simulated:

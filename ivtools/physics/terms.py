@@ -128,6 +128,8 @@ class Term:
     everywhere : bool
         Whether any axis shows a little of it, as around reversals: it must be a good part of the
         gap to be named.
+    sensed : bool
+        Whether it is what a further sensor in the control law, on a second body, measures.
     net : bool
         Whether its law takes, for `tau`, what all other laws leave of the drive force.
     slot : str
@@ -155,6 +157,7 @@ class Term:
     substeps: int = 1
     search: Search = "scan"
     everywhere: bool = False
+    sensed: bool = False
     net: bool = False
     slot: str = ""
     joint: str = ""
@@ -192,6 +195,11 @@ class Term:
     def replaces(self) -> bool:
         """Whether it takes the place of something in the rigid loop rather than add a force."""
         return self.law is None or self.instead is not None
+
+    @property
+    def by_inverse(self) -> bool:
+        """Whether its valley is searched in the inverse model: that of a force law."""
+        return self.search == "valleys" and self.law is not None
 
     @property
     def second_mass(self) -> bool:

@@ -128,6 +128,7 @@ FLEXIBILITY = Term(
     "Spong, ASME J. Dynamic Systems, Measurement and Control 109(4), 1987",
     search="valleys",
     everywhere=True,
+    sensed=True,
     slot="second mass",
 )
 

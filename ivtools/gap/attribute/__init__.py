@@ -8,7 +8,7 @@ selection    forward over the rounds, and backward over what a later one made su
 """
 
 from .attribution import Attribution, Supposed
-from .evidence import Evidence, cost, features, probability
+from .evidence import Evidence, features, probability
 from .selection import attribute, upheld
 
 __all__ = [
@@ -16,7 +16,6 @@ __all__ = [
     "Evidence",
     "Supposed",
     "attribute",
-    "cost",
     "features",
     "probability",
     "upheld",

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..candidate import Trial
 from ..discrepancy import Laws
-from ..fit import Fit, of_effect
+from ..fit import Fit, cost, of_effect
 from ..rules import DISCREPANCY_T, LIKELY, SLIGHT, Rules
-from .evidence import Evidence, cost, probability, weigh
+from .evidence import Evidence, probability, weigh
 from .rounds import Round, pvalues
 
 
@@ -114,7 +114,7 @@ class Attribution:
     def ambiguous(self) -> dict[str, list[str]]:
         """Per named effect, those that are not distinguishable from it."""
         return {
-            name: [t.name for t in self.rivals(r) if t.name not in self.named]
+            name: [t.name for t in self.twins(r) if t.name not in self.named]
             for name, (r, _) in self.winners.items()
         }
 
@@ -130,9 +130,9 @@ class Attribution:
         own = {t.name for t in self.fits[0].loop.terms}
         return tuple(f.values for f in helps if own <= {t.name for t in f.loop.terms})
 
-    def rivals(self, r: Round) -> tuple[Trial, ...]:
+    def twins(self, r: Round) -> tuple[Trial, ...]:
         """Return what is not distinguishable from the best effect of a round."""
-        return r.rivals(self.rules, cost(self.held))
+        return r.twins(cost(self.held))
 
     @cached_property
     def doubtful(self) -> tuple[str, ...]:
@@ -160,7 +160,7 @@ class Attribution:
 
     def proof(self, r: Round, trial: Trial) -> Evidence:
         """Return what speaks for one of the effects that were tried in a round."""
-        others = [t for t in r.trials if t not in (trial, *self.rivals(r))]
+        others = [t for t in r.trials if t not in (trial, *self.twins(r))]
         found = weigh(trial, others, self.base, self.full or self.held)
         if trial.name in self.certain:
             return replace(found, certain=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..candidate import Trial
 from ..discrepancy import Laws
-from ..fit import Fit, common
+from ..fit import Fit, common, cost
 from ..rules import (
     EXPLAINED,
     LEAST_EVENNESS,
@@ -199,11 +199,6 @@ def weigh(
         return found
     rivals = [t for t in others if t.gain > trial.gain and t.stands(laws)]
     return replace(evidence(trial, rivals, base, held), stands=True)
-
-
-def cost(fits: Sequence[Fit]) -> float:
-    """Return the mean square of the whitened error, mean of the folds."""
-    return float(np.mean([f.cost for f in fits]))
 
 
 def left_by_smooth_laws(fits: Sequence[Fit]) -> float:

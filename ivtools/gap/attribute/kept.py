@@ -14,7 +14,7 @@ from typing import NamedTuple
 from ...workers import threaded
 from ..candidate import Trial
 from ..discrepancy import Laws, Spline, advantage, least_t, nothing
-from ..fit import Fit
+from ..fit import Fit, cost
 from ..rules import (
     CLEAN,
     DISCREPANCY_T,
@@ -25,7 +25,6 @@ from ..rules import (
     TIE,
     Rules,
 )
-from .evidence import cost
 
 
 class Kept(NamedTuple):

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from ...physics import EFFECTS, Term
 from ...workers import threaded
 from ..candidate import Trial, attempt
-from ..fit import Fit, of_effect
+from ..fit import Fit, cost, of_effect
 from ..fold import Fold
 from ..rules import (
     ADEQUATE,
     ALL_CLOSED,
     AT_FIRST,
-    BEHIND,
     CLEAN,
     DRAWS,
     EQUALLY,
@@ -37,7 +36,6 @@ from ..rules import (
     Rules,
 )
 from ..screen import Score, screen
-from .evidence import cost
 
 Array = NDArray[np.float64]
 
@@ -51,6 +49,7 @@ class Round:
 
     Parameters
     ----------
+    rules : Rules
     gains : mapping
         R2 gain of each effect in the screening, mean of the folds, largest first.
     trials : tuple of Trial
@@ -61,17 +60,17 @@ class Round:
         What passes, and comes near the largest gain of those, which gets the name.
     sensed : str
         The effect that a further sensor in the law speaks for: it gets the name where its gain is
-        within this `margin` of the largest.
+        within a margin of the largest.
     vain : mapping
         Effects of which no valley was found, and what one may remove at most that was missed.
     """
 
+    rules: Rules
     gains: dict[str, float]
     trials: tuple[Trial, ...]
     scores: tuple[Array, ...] = ()
     qualified: tuple[Trial, ...] = ()
     sensed: str = ""
-    margin: float = 0.0
     vain: dict[str, float] = field(default_factory=dict)
 
     @cached_property
@@ -81,13 +80,13 @@ class Round:
         if best is None:
             return None
         sensed = next((t for t in self.qualified if t.name == self.sensed), None)
-        if sensed is not None and sensed.gain >= (1.0 - self.margin) * best.gain:
+        if sensed is not None and sensed.gain >= (1.0 - self.rules.equivalence_open) * best.gain:
             return sensed
         equal = [t for t in self.qualified if _equal(t, best, TIE)]
         order = [*EFFECTS, *(t.name for t in equal)]
         return min(equal, key=lambda t: (len(t.term.parameters), order.index(t.name)), default=best)
 
-    def rivals(self, rules: Rules, left: float) -> tuple[Trial, ...]:
+    def twins(self, left: float) -> tuple[Trial, ...]:
         """Return what is not distinguishable from the best: the same change, as large.
 
         Where a gap is left in the end, whatever makes it may decide between them: the margin is
@@ -96,21 +95,20 @@ class Round:
 
         Parameters
         ----------
-        rules : Rules
         left : float
             Whitened energy that all named effects leave; 1 is the floor.
         """
-        best, clean = self.best, left < CLEAN
+        best, rules, clean = self.best, self.rules, left < CLEAN
         if best is None:
             return ()
         margin = rules.equivalence if clean else rules.equivalence_open
         least = (1.0 - margin) * best.gain
         near = [t for t in self.trials if t is not best and t.gain >= least and t.sound]
-        rivals = [t for t in near if best.correlation(t) > rules.correlation]
+        twins = [t for t in near if best.correlation(t) > rules.correlation]
         if clean:
             least = rules.distinguishable
-            rivals = [t for t in rivals if best.advantage(t) < least or _equal(t, best, TWIN)]
-        return tuple(rivals)
+            twins = [t for t in twins if best.advantage(t) < least or _equal(t, best, TWIN)]
+        return tuple(twins)
 
     def ending(self, trial: Trial) -> Round:
         """Return the round as if this effect got the name."""
@@ -171,7 +169,8 @@ def play(
     fits, held = (last.fits, last.held) if last else (base, base)
     found = tuple(threaded(lambda f: screen(f, terms), fits))
     removed = {n: size for r in rounds for n, size in r.removed.items()}
-    sensed = next(iter(BEHIND)) if all(f.fold.scales.second_body for f in base) else ""
+    measured = all(f.fold.scales.second_body for f in base)
+    sensed = next((t.name for t in terms if t.sensed and measured), "")
     tried = _Tries(fits, held, found, rules, removed, sensed, places).all()
     trials = tuple(t for t in tried.values() if t is not None)
     vain = {n: (1.0 - VALLEY_DEPTH) * cost(held) for n, t in tried.items() if t is None}
@@ -190,8 +189,7 @@ def play(
         _scores(fit.fold, f, [(t.before[i], t.held[i]) for t in trials])
         for i, (fit, f) in enumerate(zip(fits, found, strict=True))
     )
-    margin = rules.equivalence_open
-    return Round(_gains(found), trials, scores, qualified, sensed, margin, vain)
+    return Round(rules, _gains(found), trials, scores, qualified, sensed, vain)
 
 
 def _largest(trials: Sequence[Trial], rules: Rules) -> float:

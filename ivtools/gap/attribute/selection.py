@@ -18,7 +18,7 @@ from ...physics import Term
 from ...workers import threaded
 from ..candidate import Trial, deeper, frozen
 from ..discrepancy import Laws
-from ..fit import Fit, common, gauss_newton, normal
+from ..fit import Fit, common, cost, gauss_newton, normal
 from ..library import library
 from ..rules import (
     CLEAN,
@@ -31,7 +31,7 @@ from ..rules import (
     Rules,
 )
 from .attribution import Attribution, Supposed
-from .evidence import cost, evidence, left_by_smooth_laws, probability, weigh
+from .evidence import evidence, left_by_smooth_laws, probability, weigh
 from .kept import names_kept
 from .rounds import Places, Round, play
 
@@ -202,8 +202,8 @@ class _Selection:
             fewer = _without(result.fits, name)
             held = frozen(fewer)
             others = replace(other, fits=fewer, held=held, before=result.base)
-            rivals = (t.name for t in result.rivals(result.winners[name][0]))
-            last = self.play([result.rounds[0].ending(others)], [name, *rivals])
+            twins = (t.name for t in result.twins(result.winners[name][0]))
+            last = self.play([result.rounds[0].ending(others)], [name, *twins])
             anew += [last] if last.best is not None and last.best.name == name else []
         return replace(result, rounds=(*result.rounds, *anew))
 
@@ -220,8 +220,8 @@ class _Selection:
         """
         if best.name == last.sensed:
             return False
-        rivals = last.rivals(self.rules, cost(best.held))
-        others = [t for t in last.trials if t not in (best, *rivals)]
+        twins = last.twins(cost(best.held))
+        others = [t for t in last.trials if t not in (best, *twins)]
         found = (weigh if asked else evidence)(best, others, self.base)
         return probability(found) < LIKELY
 
@@ -285,14 +285,13 @@ def _backward(
     valleys = {t.name for t in fits[0].loop.terms if t.search == "valleys"}
     named = found = [t.name for t in won]
     for k, name in enumerate(found if len(found) > 1 else []):
-        gap = float(np.mean([b.cost - h.cost for b, h in zip(base, held, strict=True)]))
-        least = SUPERFLUOUS * (won[k].removed if name == found[-1] else gap)
+        least = SUPERFLUOUS * (won[k].removed if name == found[-1] else cost(base) - cost(held))
         sure = min(_lost(f, name) for f in fits) > SURELY_NEEDED * least
         if sure and not valleys & {*found[:k]}:
             continue
         fewer = _without(fits, name)
         judged = frozen(fewer)
-        if np.mean([j.cost - h.cost for j, h in zip(judged, held, strict=True)]) < least:
+        if cost(judged) - cost(held) < least:
             named, fits, held = [n for n in named if n != name], fewer, judged
     return named, fits, held
 

@@ -61,10 +61,10 @@ def starts(
         Where its valley is known to be.
     """
     term = scores[0].term
-    if term.search == "valleys" and term.law is None:
-        return (_deepest(fits, term, left, place),) * len(fits)
-    if term.search == "valleys":
+    if term.by_inverse:
         return (_delivered(fits, term),) * len(fits)
+    if term.search == "valleys":
+        return (_deepest(fits, term, left, place),) * len(fits)
     if term.search == "either":
         return tuple(alternatives(term, f.fold.scales) for f in fits)
     if term.instead is not None:
@@ -82,7 +82,7 @@ def beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, fl
     A rigid joint that rattles is as heavy as it takes to be jerked; the robot, identified in the
     band of its motion, knows better what it weighs.
     """
-    if term.search == "valleys" and term.law is not None:
+    if term.by_inverse:
         shown = fit.inverse.values(term, values)
         return {**fit.values, **shown} if shown.get("inertia", 1.0) > 0.0 else fit.values
     if term.search == "valleys" and fit.fold.link is not None:
@@ -252,7 +252,7 @@ def _cost(fit: Fit, term: Term) -> Callable[[Point | None], float]:
     fold = fit.fold
     rows, settled = _worst(fold, fit.e)
     part = fold.stretch(rows.start, rows.stop)
-    part = part.only(np.arange(rows.start, rows.stop) >= settled, fold.label)
+    part = part.only(np.arange(rows.start, rows.stop) >= settled)
     J = fit.J[np.sum(fold.keep[:settled]) :][: part.n_kept]
     Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0]
     left, loop = part.cost_beside(Q), fit.loop.with_effect(term)

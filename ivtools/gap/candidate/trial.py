@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...physics import Term
 from ..discrepancy import Laws, a_line, other_waves, smooth_rest, stands, unlike_smooth
-from ..fit import Fit, common
+from ..fit import Fit, common, cost, costs
 from ..fold import Fold, better_t
 from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, LEADING, MOST, STANDARD_ERRORS, Rules
 
@@ -46,9 +46,7 @@ class Trial:
     @property
     def gains(self) -> Array:
         """R2 gain: share of the energy removed on held-out data, per fold."""
-        return np.array(
-            [1.0 - h.cost / b.cost for h, b in zip(self.held, self.before, strict=True)]
-        )
+        return 1.0 - costs(self.held) / costs(self.before)
 
     @property
     def gain(self) -> float:
@@ -58,14 +56,12 @@ class Trial:
     @property
     def removed(self) -> float:
         """Whitened energy removed on held-out data, mean of the folds; the floor is 1."""
-        both = zip(self.before, self.held, strict=True)
-        return float(np.mean([b.cost - h.cost for b, h in both]))
+        return cost(self.before) - cost(self.held)
 
     @property
     def explained(self) -> Array:
         """Share of the whitened energy that it removes from the fold it was fitted to, per fold."""
-        both = zip(self.fits, self.before, strict=True)
-        return np.array([1.0 - f.cost / b.cost for f, b in both])
+        return 1.0 - costs(self.fits) / costs(self.before)
 
     @cached_property
     def amplitudes(self) -> Array:
@@ -99,8 +95,8 @@ class Trial:
     @property
     def shares(self) -> Array:
         """Share of the reducible gap removed on held-out data, per fold; the floor is 1."""
-        both = zip(self.held, self.before, strict=True)
-        return np.array([(b.cost - h.cost) / max(b.cost - 1.0, 1e-9) for h, b in both])
+        before = costs(self.before)
+        return (before - costs(self.held)) / np.maximum(before - 1.0, 1e-9)
 
     @property
     def disagreement(self) -> float:
@@ -256,7 +252,7 @@ class Trial:
         """
         for fits in zip(self.before, self.held, other.before, other.held, strict=True):
             keep = fits[0].fold.keep & fits[2].fold.keep
-            fold = fits[0].fold.only(keep, fits[0].fold.label)
+            fold = fits[0].fold.only(keep)
             yield fold, [f.e[keep[f.fold.keep]] for f in fits]
 
 

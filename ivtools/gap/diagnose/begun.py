@@ -17,9 +17,8 @@ from ...physics import Term
 from ...record import Record
 from ...workers import one_blas_thread, threaded
 from .. import floor, parity, preflight, quantify
-from ..attribute import cost
 from ..diagnosis import Diagnosis
-from ..fit import Fit, common
+from ..fit import Fit, common, cost
 from ..floor import (
     Measured,
     Ready,
@@ -345,7 +344,8 @@ def _on_time(
     for samples in sorted({one.samples for one in late if one}):
         moved = {k: one for k, one in enumerate(late) if one and one.samples == samples}
         acted = [(one.record, one.checked) for one in moved.values()]
-        if any(f.fatal for one, p in acted for f in preflight.inspect(one, loop, p)):
+        found = threaded(lambda one, p: preflight.inspect(one, loop, p), *zip(*acted, strict=True))
+        if any(f.fatal for each in found for f in each):
             continue
         logged = [(given[k], checked[k]) for k in moved]
         with suppress(IVToolsError):  # which the diagnosis will say

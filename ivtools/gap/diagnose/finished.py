@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from ...loop import ClosedLoop
 from ...workers import one_blas_thread
 from .. import advice, discrepancy, locate, parity, quantify, verdict
-from ..attribute import Attribution, cost, probability
+from ..attribute import Attribution, probability
 from ..diagnosis import Diagnosis
 from ..discrepancy import Discrepancy
-from ..fit import Fit, common
+from ..fit import Fit, common, cost
 from ..floor import Measured, come_again, masked
 from ..fold import Fold
 from ..preflight import Finding

@@ -198,9 +198,9 @@ def _curve(
     name = _ALONG.get(found.over[0], "dq")
     kinds = dict(zip(("q", "dq", "load"), signals(runs), strict=True))
     kinds["drive"] = kinds["load"]
-    x = np.concatenate([s[:, 0] for s in kinds[name]])
+    x = np.concatenate(kinds[name])
     x = x if name == "q" else np.abs(x)
-    speed = np.concatenate([r.dq[:, 0] for r in runs])
+    speed = np.concatenate(kinds["dq"])
     force = np.concatenate(forces)
     if found.over[0] != "wave":
         return 0.0, _means(basis.knots[name], x, speed, force)

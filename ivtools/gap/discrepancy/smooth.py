@@ -77,7 +77,7 @@ class Basis:
         spacing : float
             Distance of its knots over position, m or rad; 0 is that of any law.
         """
-        q, dq, tau = (np.concatenate([s[:, 0] for s in kind]) for kind in signals(runs))
+        q, dq, tau = map(np.concatenate, signals(runs))
         speed = np.quantile(np.abs(dq), np.linspace(FIRST_KNOT, 1.0, SPEED_KNOTS))
         drive = np.quantile(np.abs(tau), np.linspace(FIRST_KNOT, 1.0, SPEED_KNOTS))
         where, fast = COARSE_KNOTS
@@ -102,7 +102,7 @@ class Basis:
 
     def _each_way(self, name: str, run: Simulation) -> list[Array]:
         """Return the hats over a signal, and the same with the sign of the motion."""
-        signed = dict(zip(("q", "dq", "load"), (s[0][:, 0] for s in signals([run])), strict=True))
+        signed = dict(zip(("q", "dq", "load"), (x for (x,) in signals([run])), strict=True))
         x = signed[name] if name == "q" else np.abs(signed[name])
         hats, sign = self._rows(name, x), np.sign(signed["dq"])
         return [*hats, *(h * sign for h in hats)]
@@ -112,7 +112,7 @@ class Basis:
 
         Their units are the basis's, not the run's: a coefficient is the same on every fold.
         """
-        q, dq, tau = (s[0][:, 0] for s in signals([run]))
+        (q,), (dq,), (tau,) = signals([run])
         sign, dt = np.sign(dq), float(run.t[1] - run.t[0])
         found = {n: self.over(n, run) for n in ("q", "dq", "load")}
         found["drive"] = self.hats("drive", np.abs(tau)) * np.sign(tau)[:, None]
@@ -153,7 +153,7 @@ class Basis:
 
     def waves(self, run: Simulation) -> Array:
         """Return dry and viscous friction that is periodic over position, (n_samples, m)."""
-        q, dq = run.q[:, 0], run.dq[:, 0]
+        (q,), (dq,), _ = signals([run])
         top = float(self.knots["dq"][-1]) if "dq" in self.knots else float(np.max(np.abs(dq)))
         friction = as_columns([np.sign(dq), dq / max(top, 1e-300)])
         each = [np.exp(2j * np.pi * q / p)[:, None].view(float) for p in self.periods]
@@ -209,8 +209,8 @@ def _knots(stroke: float, spacing: float) -> int:
 
 
 def signals(runs: Sequence[Simulation]) -> tuple[list[Array], ...]:
-    """Return position, speed and force of simulations."""
-    return [r.q for r in runs], [r.dq for r in runs], [r.tau for r in runs]
+    """Return where forces over position act, speed and drive force of simulations, (n_samples,)."""
+    return [r.where for r in runs], [r.dq[:, 0] for r in runs], [r.tau[:, 0] for r in runs]
 
 
 def _past(v: Array, dt: float) -> Array:

@@ -71,10 +71,6 @@ class Entry:
         """The shrink of the diagnosis; empty if there is none."""
         return (self.content or {}).get("shrink") or {}
 
-    def closed(self) -> dict[str, float]:
-        """Return the share that each effect of the ranking closes alone."""
-        return {r["effect"]: r["closed"] for r in (self.content or {}).get("ranking", ())}
-
     def to_dict(self) -> dict[str, Any]:
         """Return the diagnosis with the record's name, file and error."""
         about = {

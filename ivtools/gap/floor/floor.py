@@ -65,8 +65,6 @@ class Floor:
         Noise of the force, N or N m rms.
     generic : float
         Mean square of the whitened error that smooth laws of the state leave; 1 is the floor.
-    period : float or None
-        Period of the reference, s.
     passes : float or None
         Rms of the pass-to-pass difference over sqrt(2), N or N m.
     between : float or None
@@ -83,7 +81,6 @@ class Floor:
     whitener: Array
     noise: float
     generic: float
-    period: float | None
     passes: float | None
     events: tuple[tuple[float, float], ...]
     event_mask: Mask
@@ -155,13 +152,11 @@ def measure(fit: Fit, raw: Array, unknown: Array | None = None) -> Floor:
     mask = events(white, keep, dt, rounded)
     if not mask.any():  # what short windows show has sharper ends there
         mask = lasting(white, keep, dt, rounded)
-    period = reference_period(fold.record)
     return Floor(
         whitener=whitener,
         noise=_size(whitener, _taken(columns, fit, whitener), dt),
         generic=float(np.mean(white[keep & ~mask] ** 2)),
-        period=period,
-        passes=passes(raw, keep & ~mask, period, dt),
+        passes=passes(raw, keep & ~mask, reference_period(fold.record), dt),
         events=stretches(mask, fold.record.t),
         event_mask=mask,
         excess=_excess(rest, keep, mask),

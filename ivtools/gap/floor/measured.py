@@ -193,7 +193,7 @@ def masked(m: Measured) -> Measured:
     """Return a record without the stretches that stand out: of what is left, none does."""
     if not m.floor.isolated:
         return m
-    fold = replace(m.fold.only(~m.floor.event_mask, m.fold.label), rough=0.0)
+    fold = replace(m.fold.only(~m.floor.event_mask), rough=0.0)
     return replace(m, base=m.base.refit(fold, iterations=AGAIN))
 
 

@@ -24,11 +24,11 @@ from ..fit import Fit
 from ..fold import usable
 from ..parity import SUMMED, Parity, beyond
 from ..rules import (
+    ABSURD,
     ALONG,
     FOLLOWS,
     GAIN_ERROR,
     GROSS_GAIN,
-    INERTIA_RANGE,
     LEAST_SAMPLES,
     LEAST_TIME,
     LOOK_WIDTH,
@@ -312,7 +312,7 @@ def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
     start = loop.start.get("inertia")
     ratio = inertia / start if start else 1.0
     # no unit makes it negative: a link that swings against its drive does
-    if shown.clear and ratio > 0.0 and not INERTIA_RANGE[0] < ratio < INERTIA_RANGE[1]:
+    if shown.clear and ratio > 0.0 and not 1.0 / ABSURD < ratio < ABSURD:
         return _astray([record]) or [
             Finding(
                 f"the record suggests an inertia of {inertia:.3g} {unit}, the axis file starts "

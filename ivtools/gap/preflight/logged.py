@@ -210,11 +210,8 @@ def misplaced(record: Record, loop: ClosedLoop, checked: Parity, known: int = 0)
     return moved if right and moved.checked.after < most else None
 
 
-def earlier(record: Record, samples: int, names: Iterable[str] = COMMANDS) -> Record:
-    """Return a record whose command was some samples before it was logged; later if negative.
-
-    Or other signals, of these names.
-    """
+def earlier(record: Record, samples: int, names: Iterable[str]) -> Record:
+    """Return a record whose signals of some names were samples before; later if negative."""
     start, stop = max(-samples, 0), record.n_samples - max(samples, 0)
     part, signals = record.slice(start, stop), {}
     for name in names:

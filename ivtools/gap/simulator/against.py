@@ -131,7 +131,7 @@ def _of_simulator(
         made = {name: c for name, c in made.items() if not name.startswith(f"{SWINGS}.")}
     others = {} if fit is None or surplus else twins(fit, pairs[0], rules)
     whose = "the simulator has and the axis lacks" if surplus else "your simulator lacks"
-    none = "nothing but other parameters" if found.verdict == "adequate" else "nothing with a name"
+    none = "no effect; parameters differ" if found.verdict == "adequate" else "nothing with a name"
     what = ", ".join(found.effects) or none
     said = [f"{whose}: {what}", *(_either(name, found, others[name]) for name in others)]
     if swings and f"{SWINGS}.frequency_hz" in pairs[0].base.params:

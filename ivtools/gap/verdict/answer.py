@@ -10,8 +10,8 @@ from itertools import cycle
 import numpy as np
 
 from ...units import percent, plural, quantity
-from ..attribute import Attribution, cost
-from ..fit import Fit, common
+from ..attribute import Attribution
+from ..fit import Fit, common, cost
 from ..floor import Measured, come_again
 from ..preflight import Finding
 from ..quantify import Shrink
@@ -35,7 +35,7 @@ VERDICTS = {
     "adequate": "the model is as good as the measurement is repeatable, or lacks next to nothing",
     "explained": "the named effects close the gap",
     "partial": "the named effects close part of the gap; a significant part remains",
-    "unexplained": "there is a gap that no known effect explains",
+    "unexplained": "there is a gap, and no effect is sure enough to be named",
     "non-repeatable": "the gap comes and goes: something from outside, or a changed setting",
 }
 
