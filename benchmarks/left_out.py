@@ -88,6 +88,10 @@ DETAILS: dict[str, tuple[Change, tuple[str, ...]]] = {
     "acceleration forward": (_forward("acceleration", "inertia"), KINDS),
     "velocity forward": (_forward("velocity", "viscous"), KINDS),
     "friction forward": (_forward(FORWARD, "coulomb"), KINDS),
+    "reference derived backward": (
+        lambda rng, law, theta, width: replace(law, reference_derivative="backward"),
+        ("pd", "pid", "p-pi"),
+    ),
     "reference filter": (lambda rng, law, theta, width: law, KINDS),
 }
 

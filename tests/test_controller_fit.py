@@ -43,6 +43,19 @@ def test_the_law_of_any_kind_is_found(kind, seed):
     assert gains(found) == pytest.approx(gains(loop.controller), rel=0.02, abs=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", ["pd", "pid", "p-pi"])
+def test_a_law_that_derives_its_reference_backward_is_found(kind, seed):
+    """Or another one that does the same: a p-pi law has its two gains either way round then."""
+    loop, _, record = played(seed, kind, reference_derivative="backward")
+    found = replace(loop, controller=UNKNOWN).identify_controller(record)[1].controller
+    assert (found.kind, found.delay) == (kind, loop.controller.delay)
+    shown = parity.check(record, replace(loop, controller=found), read=False)
+    assert shown.before < 1e-7
+    takes = loop.controller.full["c"] != 0.0
+    assert found.reference_derivative == ("backward" if takes else "central")
+
+
 NOISY = [  # seed, kind; 250 Hz to 4 kHz
     (0, "p-pi"), (1, "p-pi"), (0, "cascade-pd"), (1, "cascade-pd"), (0, "pd"), (2, "pd"),
     (0, "pid"), (1, "pid"), (0, "pi-velocity"), (2, "pi-velocity"),

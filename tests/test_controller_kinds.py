@@ -138,6 +138,7 @@ def test_all_that_surrounds_a_law_survives_the_way_to_a_file_and_back(tmp_path):
         feedforward={"acceleration": 0.5, "plan [N m]": 1.0},
         feedback={"strain": -0.2},
         anti_windup="back-calculation",
+        reference_derivative="backward",
         limit=4.0,
     )
     file = tmp_path / "axis.toml"
@@ -156,6 +157,7 @@ def test_all_that_surrounds_a_law_survives_the_way_to_a_file_and_back(tmp_path):
         ({"filter": {"hz": 3.0, "q": 1}}, "filter does not know 'q'"),
         ({"velocity": "guessed"}, "velocity is 'guessed'; it is 'differences' or 'logged'"),
         ({"anti_windup": "maybe"}, "anti_windup is 'maybe'"),
+        ({"reference_derivative": "ahead"}, "reference_derivative is 'ahead'"),
         ({"feedforward": {"velocity": np.nan}}, "feedforward.velocity = nan is not a finite"),
         ({"feedback": 3.0}, "feedback is 3.0; give gains by name"),
     ],

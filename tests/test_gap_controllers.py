@@ -136,6 +136,40 @@ def test_where_a_reference_is_logged_one_record_tells_for_both():
     assert preflight.misplaced(two, loop, noisy, 1).samples == 1
 
 
+DERIVES = ("pd", "pid", "p-pi", "pi-velocity", "p-velocity")
+
+
+@pytest.mark.parametrize("kind", DERIVES)
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_reference_that_the_controller_derives_backward_is_no_wrong_controller(kind, seed):
+    """Half a sample late, it looks like another filter of the velocity, or another gain."""
+    loop, record = played(kind, "stribeck", seed=seed, reference_derivative="backward")
+    plain = replace(loop, controller=replace(loop.controller, reference_derivative="central"))
+    found = iv.diagnose(record, plain)
+    assert "controller-mismatch" not in found.effects
+    takes = loop.controller.full["c"] != 0.0
+    assert takes == any("by backward differences" in f.text for f in found.findings)
+    assert found.effects == iv.diagnose(record, loop).effects
+
+
+@pytest.mark.parametrize("kind", DERIVES)
+def test_noise_and_wrong_gains_are_no_matter_of_how_a_reference_is_derived(kind):
+    """Of what the law does as it is declared, or with other gains, either says how."""
+    for seed in range(3, 9):
+        loop, record = played(kind, seed=seed)
+        rng = np.random.default_rng(seed)
+        name, size = str(rng.choice(loop.controller.mismatches)), rng.uniform(0.02, 0.2)
+        wrong = replace(loop, controller=loop.controller.with_mismatch(**{name: size}))
+        noise = 0.002 * np.std(record.nu) * rng.standard_normal(record.nu.shape)
+        logged = record.replace(nu=record.nu + noise)
+        other = parity.otherwise_derived(logged, wrong)
+        if other is None:
+            assert loop.controller.full["c"] == 0.0
+            continue
+        here, there = ([parity.check(logged, one, read=False)] for one in (wrong, other))
+        assert not parity.explains_more(there, here)
+
+
 @pytest.mark.parametrize("kind", populations.KINDS)
 def test_wrong_gains_are_no_matter_of_where_the_reference_is_logged(kind):
     for seed in range(3, 9):

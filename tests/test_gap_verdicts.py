@@ -621,7 +621,7 @@ def test_what_changes_with_use_may_be_a_drift_that_gets_the_second_name(use, nam
 
 def test_forces_that_remember_have_one_unit_on_every_fold():
     run = iv.axes.emps().simulate(iv.datasets.twin(), BASE)
-    slow = SimpleNamespace(q=run.q, dq=0.5 * run.dq, tau=0.5 * run.tau, t=run.t)
+    slow = SimpleNamespace(where=run.where, dq=0.5 * run.dq, tau=0.5 * run.tau, t=run.t)
     basis = Basis.of([run, slow])
     fast, half = basis.parts(run), basis.parts(slow)
     np.testing.assert_allclose(half["heat"][:, 0], 0.5 * fast["heat"][:, 0])

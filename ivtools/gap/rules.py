@@ -96,6 +96,9 @@ GAIN_EXPLAINS = 0.2
 GAIN_NEEDED = 1.02
 #: Relative parity error from which a law does not reproduce the command (training).
 LAW_ERROR = 0.2
+#: Relative parity error up to which a record is not asked for another law (definition: a setting of
+#: an axis file has four digits).
+DIGITS = 1e-4
 #: Relative parity error from which the record is asked for its own law (physics: a digital law
 #: repeats to rounding, and to 0.3 % where log and controller sample apart).
 PARITY_POOR = 0.02
@@ -118,8 +121,9 @@ SMOOTHED = (0.12, 1.5)
 #: 20 and six a thousand; counted from near, at 1.5 and a thousand, all of them), and then from a
 #: round number: a multiple of a power of this (definition).
 ROUND = 10.0
-#: Share of the parity error with a rounded reference that is left with a smooth one, if the
-#: controller had that (judgement: where it had the rounded one, the error is larger with a smooth).
+#: Share of the parity error that is left with a smooth reference, if the one that is logged is
+#: rounded and the controller had that (judgement: where it had the rounded one, the error is larger
+#: with a smooth), or with one that is derived otherwise (judgement).
 REFERENCE_BETTER = 0.7
 #: Samples by which a log is late that are tried where the law explains little as it is; the first,
 #: ahead of the position, where no law can be, wherever the command is not late (judgement).

@@ -126,6 +126,9 @@ def _controller(table: Mapping[str, Any]) -> Controller:
         feedforward=_gains("feedforward", table),
         feedback=_gains("feedback", table),
         anti_windup=_text("controller", "anti_windup", table.get("anti_windup", "clamp")),
+        reference_derivative=_text(
+            "controller", "reference_derivative", table.get("reference_derivative", "central")
+        ),
     )
 
 
@@ -283,6 +286,7 @@ def _surroundings(controller: Controller) -> dict[str, Any]:
     values = {
         "velocity": controller.velocity,
         "anti_windup": controller.anti_windup,
+        "reference_derivative": controller.reference_derivative,
         "filter": controller.filter.table if controller.filter else {},
         "feedforward": dict(controller.feedforward),
         "feedback": dict(controller.feedback),

@@ -36,7 +36,7 @@ class DigitalLaw:
     def __init__(self, loop: ClosedLoop, record: Record) -> None:
         self.controller = controller = loop.controller
         self.law = law = controller.law(record.dt)
-        feed = fed(controller.feedforward, controller.feedback, record, loop.joint)
+        feed = fed(controller, record, loop.joint)
         known = np.column_stack([*references(record, controller), feed])
         self._direct, self._driven = law.known(known)
         q, still = float(record.q[0, 0]), np.array([0.0])

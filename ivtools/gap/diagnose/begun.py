@@ -32,7 +32,7 @@ from ..floor import (
 from ..fold import Link
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import AUDIBLE, SATURATED, TOLERANCE, Rules
+from ..rules import AUDIBLE, ROUNDING, SATURATED, TOLERANCE, Rules
 from .refused import refused
 
 
@@ -276,6 +276,23 @@ def _compared(task: Task, loop: ClosedLoop) -> tuple[list[Parity], list[Finding]
     return same, [preflight.faster(rate)]
 
 
+def _derived(task: Task, loop: ClosedLoop) -> tuple[ClosedLoop, list[Parity], list[Finding]]:
+    """Return the loop that derives its reference as the records show, how it compares, what to say.
+
+    A reference is known whenever its controller has it: derivatives that are not logged may be made
+    of samples on both sides, or of the last ones, half a sample late.
+    """
+    compared, faster = _compared(task, loop)
+    other = parity.otherwise_derived(task.record, loop)
+    if other is None or max(p.before for p in compared) <= ROUNDING:
+        return loop, compared, faster
+    again, fast = _compared(task, other)
+    if not parity.explains_more(again, compared):
+        return loop, compared, faster
+    before, after = (max(p.after for p in each) for each in (compared, again))
+    return other, again, [*fast, preflight.derived(other.controller, before, after)]
+
+
 def _as_it_acted(
     task: Task, loop: ClosedLoop
 ) -> tuple[Task, ClosedLoop, list[Parity], list[Finding]]:
@@ -283,13 +300,14 @@ def _as_it_acted(
 
     Joints of a robot have one log, and one controller.
     """
-    compared, faster = _compared(task, loop)
+    loop, compared, said = _derived(task, loop)
+    faster = any(p.oversampling > 1 for p in compared)
     if faster or task.links or loop.controller.kind == "none":
-        return task, loop, compared, faster
+        return task, loop, compared, said
     task, compared, put = _in_place(task, loop, compared)
     task, loop, compared, limited = _at_limit(task, loop, compared)
     task, compared, late = _on_time(task, loop, compared)
-    return task, loop, compared, [*put, *limited, *late]
+    return task, loop, compared, [*said, *put, *limited, *late]
 
 
 def _in_place(

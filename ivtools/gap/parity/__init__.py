@@ -21,6 +21,8 @@ from .compared import (
     check,
     doubted,
     effects,
+    explains_more,
+    otherwise_derived,
     relative,
 )
 from .limit import beyond
@@ -38,6 +40,8 @@ __all__ = [
     "check",
     "doubted",
     "effects",
+    "explains_more",
     "grid",
+    "otherwise_derived",
     "relative",
 ]

@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 
 from ...errors import IVToolsError
 from ...loop import ClosedLoop, Controller
-from ...loop.controllers import ANTI_WINDUP
+from ...loop.controllers import ANTI_WINDUP, DERIVATIVES
 from ...loop.identification import ControllerFit, least
 from ...record import Record
 from ..between import interpolated
 from ..rules import (
+    DIGITS,
     FASTER,
     FASTER_LATE,
     GAIN_ERROR,
+    GAIN_NEEDED,
     GROSS_GAIN,
     LAW_BETTER,
     LAW_ERROR,
@@ -29,6 +31,7 @@ from ..rules import (
     ONE_PLACE,
     PARITY_HEAD,
     PARITY_POOR,
+    REFERENCE_BETTER,
     ROUNDING,
 )
 from .gains import best_delay, corrected
@@ -117,6 +120,30 @@ def at_rate(loop: ClosedLoop) -> int:
     return int(loop.controller.kind == "identify")
 
 
+def otherwise_derived(record: Record, loop: ClosedLoop) -> ClosedLoop | None:
+    """Return the loop whose controller makes derivatives of its reference in the other way.
+
+    None if its law takes none, or the record has what it takes.
+    """
+    if loop.controller.kind == "none":
+        return None
+    part = record.liveliest(LAW_TOLD)
+    way = next(d for d in DERIVATIVES if d != loop.controller.reference_derivative)
+    other = replace(loop, controller=replace(loop.controller, reference_derivative=way))
+    here, there = (Signals(part, one).fed(one.controller) for one in (loop, other))
+    return None if np.array_equal(here, there) else other
+
+
+def explains_more(found: Sequence[Parity], other: Sequence[Parity]) -> bool:
+    """Whether laws explain much more of their records' commands than others, as declared or not."""
+    declared, put_right = (
+        float(np.linalg.norm([getattr(p, name) for p in found]))
+        / max(float(np.linalg.norm([getattr(p, name) for p in other])), 1e-300)
+        for name in ("before", "after")
+    )
+    return min(declared, put_right) < REFERENCE_BETTER and put_right < GAIN_NEEDED
+
+
 def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int = 0) -> Parity:
     """Compare the recorded command with the law fed with the measured position.
 
@@ -179,7 +206,7 @@ def another(record: Record, found: Parity) -> bool:
 
     It takes what is logged, when it is logged or later.
     """
-    if found.after <= ROUNDING:
+    if found.after <= DIGITS:
         return False
     try:
         left, alone = least(found.loop, record.liveliest(LAW_TOLD))

@@ -22,7 +22,18 @@ from .findings import (
     same_axis,
 )
 from .hanging import Hanging, hanging
-from .logged import counted, elsewhere, faster, finer, late, lateness, misplaced, near, origin
+from .logged import (
+    counted,
+    derived,
+    elsewhere,
+    faster,
+    finer,
+    late,
+    lateness,
+    misplaced,
+    near,
+    origin,
+)
 from .plausible import doubts
 from .pull import HELD, adrift, followed, lawless, pulled, rings
 
@@ -32,6 +43,7 @@ __all__ = [
     "Hanging",
     "adrift",
     "counted",
+    "derived",
     "doubts",
     "elsewhere",
     "faster",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from ...errors import IVToolsError
-from ...loop import ClosedLoop
+from ...loop import ClosedLoop, Controller
 from ...physics import TERMS, Term
 from ...record import Record
 from ...units import JOINTS, percent, plural, quantity
@@ -254,6 +254,25 @@ def elsewhere(samples: int, before: float, after: float) -> Finding:
         f"the reference is logged {count} {'after' if samples > 0 else 'before'} the control law "
         f"takes it: put right, the law with its settings as declared leaves {100 * after:.2g} % of "
         f"the command, at best {100 * before:.2g} % as logged"
+    )
+    return Finding(text, fatal=False)
+
+
+def derived(controller: Controller, before: float, after: float) -> Finding:
+    """Return what to say of a controller that derives its reference otherwise than the axis file.
+
+    Parameters
+    ----------
+    controller : Controller
+        As the records show it.
+    before, after : float
+        Relative parity error with the reference derived as the axis file says, and so.
+    """
+    way = controller.reference_derivative
+    text = (
+        f"the controller makes derivatives of its reference by {way} differences: so the law "
+        f"leaves {100 * after:.2g} % of the command, otherwise {100 * before:.2g} % at best; state "
+        f'reference_derivative = "{way}" in [controller]'
     )
     return Finding(text, fatal=False)
 

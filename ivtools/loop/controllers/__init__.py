@@ -3,11 +3,12 @@
 from .controller import ANTI_WINDUP, Controller
 from .kinds import KINDS, Kind
 from .law import INPUTS, LinearLaw
-from .seen import Seen
+from .seen import DERIVATIVES, Seen
 from .velocity import backward_difference
 
 __all__ = [
     "ANTI_WINDUP",
+    "DERIVATIVES",
     "INPUTS",
     "KINDS",
     "Controller",

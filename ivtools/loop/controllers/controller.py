@@ -16,7 +16,7 @@ from ...units import plural
 from .filters import LoopFilter
 from .kinds import KINDS, UNKNOWN, Kind
 from .law import LinearLaw
-from .seen import FEEDFORWARDS
+from .seen import DERIVATIVES, FEEDFORWARDS
 from .velocity import AT_THE_SAMPLE, WAYS, backward_difference, shown
 
 _SHOWN: WeakKeyDictionary[Record, tuple[float, ...] | None] = WeakKeyDictionary()
@@ -31,6 +31,7 @@ COMMON = (
     "filter",
     "feedforward",
     "feedback",
+    "reference_derivative",
 )
 
 
@@ -66,6 +67,8 @@ class Controller:
     anti_windup : {"clamp", "back-calculation", "none"}
         Whether an integrator stays while the command is clipped and it would drive it further;
         takes back what is beyond the limit, within its own integral time; or goes on.
+    reference_derivative : {"central", "backward"}
+        The differences by which derivatives of the reference are made that are not logged.
 
     Raises
     ------
@@ -88,6 +91,7 @@ class Controller:
     feedforward: Mapping[str, float] = field(default_factory=dict)
     feedback: Mapping[str, float] = field(default_factory=dict)
     anti_windup: str = "clamp"
+    reference_derivative: str = "central"
 
     def __post_init__(self) -> None:
         if self.kind not in (*KINDS, UNKNOWN):
@@ -129,6 +133,7 @@ class Controller:
         for name, way, ways in (
             ("velocity", self.velocity, WAYS),
             ("anti_windup", self.anti_windup, ANTI_WINDUP),
+            ("reference_derivative", self.reference_derivative, DERIVATIVES),
         ):
             if way not in ways:
                 raise AxisError(f"{name} is {way!r}; it is {' or '.join(map(repr, ways))}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+DERIVATIVES = ("central", "backward")
 FEEDFORWARDS = ("velocity", "acceleration", "coulomb", "gravity", "gravity_cos")
 _NEAR = 3.0  # times its noise at a limit, how far below it a command may have been clipped
 _STEPS = 2  # in which the state that a law began in is found, where it is clipped by itself
@@ -63,10 +64,7 @@ class Seen:
         own = command[:, 0] - (0.0 if record.added is None else record.added[:, 0])
         q_ref, dq_ref = references(record, controller)
         q = record.q[:, 0]
-        if controller.kind == "none":
-            feed = own
-        else:
-            feed = fed(controller.feedforward, controller.feedback, record, joint)
+        feed = own if controller.kind == "none" else fed(controller, record, joint)
         if controller.velocity == "logged":
             if record.dq is None:
                 raise RecordError(
@@ -143,18 +141,25 @@ def references(record: Record, controller: Controller) -> tuple[Array, Array]:
                 f"dq_ref is missing, and q_ref too; a controller {controller.kind} follows one"
             )
     q_ref = zero if record.q_ref is None else record.q_ref[:, 0]
-    return q_ref, speed_reference(record)
+    return q_ref, speed_reference(record, controller.reference_derivative)
 
 
-def speed_reference(record: Record) -> Array:
+def derivative(reference: Array, dt: float, way: str) -> Array:
+    """Return the derivative of a reference, (n_samples,): one of `DERIVATIVES`."""
+    if way == "central":
+        return np.gradient(reference, dt)
+    return np.diff(reference, prepend=2.0 * reference[0] - reference[1]) / dt
+
+
+def speed_reference(record: Record, way: str) -> Array:
     """Return the velocity reference, (n_samples,): logged, or the derivative of the position's."""
     if record.dq_ref is not None:
         return np.ascontiguousarray(record.dq_ref[:, 0])
     assert record.q_ref is not None  # the caller has looked
-    return np.gradient(record.q_ref[:, 0], record.dt)
+    return derivative(record.q_ref[:, 0], record.dt, way)
 
 
-def feedforward(name: str, record: Record, joint: str) -> Array:
+def feedforward(name: str, record: Record, joint: str, way: str) -> Array:
     """Return the signal, (n_samples,), that the gain of a feed-forward multiplies.
 
     Parameters
@@ -165,6 +170,8 @@ def feedforward(name: str, record: Record, joint: str) -> Array:
     joint : {"prismatic", "revolute"}
         Gravity is the sine (`gravity`) and cosine (`gravity_cos`) of a revolute joint's reference,
         and constant on a prismatic one.
+    way : {"central", "backward"}
+        How derivatives of the reference are made that are not logged.
 
     Raises
     ------
@@ -180,14 +187,11 @@ def feedforward(name: str, record: Record, joint: str) -> Array:
         return (np.cos if name == "gravity_cos" else np.sin)(angle[:, 0])
     if record.q_ref is None and record.dq_ref is None:
         raise RecordError(f"a feed-forward of {name} needs q_ref or dq_ref in the record")
-    if name == "acceleration" and record.dq_ref is None:
-        q = record.q_ref[:, 0]  # type: ignore[index]  # one of them is there
-        return np.gradient(np.gradient(q, record.dt), record.dt)
-    dq = speed_reference(record)
+    dq = speed_reference(record, way)
     if name == "velocity":
         return dq
     if name == "acceleration":
-        return np.gradient(dq, record.dt)
+        return derivative(dq, record.dt, way)
     return np.where(np.abs(dq) > _REST * np.abs(dq).max(), np.sign(dq), 0.0)
 
 
@@ -201,13 +205,11 @@ def column(name: str, record: Record) -> Array:
     raise RecordError(f"column {name!r}, which the controller sees, is not in the record: {there}")
 
 
-def fed(
-    forward: Mapping[str, float], back: Mapping[str, float], record: Record, joint: str
-) -> Array:
+def fed(controller: Controller, record: Record, joint: str) -> Array:
     """Return the sum of feed-forwards and measured feedback, (n_samples,), in command units."""
     total = np.zeros(record.n_samples)
-    for name, gain in forward.items():
-        total += gain * feedforward(name, record, joint)
-    for name, gain in back.items():
+    for name, gain in controller.feedforward.items():
+        total += gain * feedforward(name, record, joint, controller.reference_derivative)
+    for name, gain in controller.feedback.items():
         total += gain * column(name, record)
     return total

@@ -62,6 +62,8 @@ class Data:
         Time constant, s, of a low-pass of the velocity's columns, for a filtered derivative.
     whitener : ndarray, (p + 1,), optional
         Polynomial in z^-1 that everything passes.
+    derivative : str
+        How derivatives of the reference are made that are not logged.
     """
 
     record: Record
@@ -74,9 +76,10 @@ class Data:
     shape: LoopFilter | None = None
     lag: float = 0.0
     whitener: Array | None = None
+    derivative: str = "central"
 
     @classmethod
-    def of(cls, loop: ClosedLoop, record: Record, logged: bool) -> Data:
+    def of(cls, loop: ClosedLoop, record: Record, logged: bool, derivative: str = "") -> Data:
         """Collect what a record has.
 
         Raises
@@ -94,7 +97,8 @@ class Data:
         added = 0.0 if record.added is None else record.added
         command = (loop.command(record) - added)[:, 0]
         limit, sign = _limit(command, loop.controller.limit), float(np.sign(loop.gain))
-        data = cls(record, command, limit, loop.joint, logged, sign)
+        way = derivative or loop.controller.reference_derivative
+        data = cls(record, command, limit, loop.joint, logged, sign, derivative=way)
         if data.rows.sum() < _LEAST or not command[HEAD:].any():
             raise RecordError(
                 f"{int(data.rows.sum())} samples of the command are below its limit and not 0; a "
@@ -129,7 +133,7 @@ class Data:
     def basic(self) -> dict[str, Array]:
         """Columns by name, (n,): the words that forms of a law are made of."""
         record, q, dt = self.record, self.record.q[:, 0], self.record.dt
-        dq_ref = speed_reference(record)
+        dq_ref = speed_reference(record, self.derivative)
         free = self.side == 0.0
         columns = {"dq_ref": dq_ref, "-q": q[0] - q, "1": np.ones(len(q))}
         if record.q_ref is not None:
@@ -184,7 +188,7 @@ class Data:
         """Feed-forwards and further measured columns, by name, (n,)."""
         names = ["acceleration", "coulomb"]
         names += ["gravity", "gravity_cos"] if self.joint == "revolute" else ["gravity"]
-        found = {name: feedforward(name, self.record, self.joint) for name in names}
+        found = {n: feedforward(n, self.record, self.joint, self.derivative) for n in names}
         for name, column in self.record.extra.items():
             if name not in FEEDFORWARDS and np.ptp(column) > 0.0 and not self._follows(column):
                 found[name] = column
@@ -224,7 +228,7 @@ class Data:
         """Cut-off, Hz, below which the noise of the encoder is nothing beside the velocity."""
         q, dt, fs = self.record.q[:, 0], self.record.dt, self.record.sampling_hz
         noise = float(np.median(np.abs(np.diff(q, 4)))) / (0.6745 * np.sqrt(70.0))
-        speed = speed_reference(self.record)
+        speed = speed_reference(self.record, self.derivative)
         rms = float(np.sqrt(np.mean(speed**2)))
         if noise <= 0.0 or rms <= 0.0:
             return None

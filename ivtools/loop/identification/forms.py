@@ -121,6 +121,7 @@ class Form:
             settings=settings,
             velocity_filter=self.taps,
             velocity="logged" if data.logged else "differences",
+            reference_derivative=data.derivative,
             delay=self.delay,
             limit=data.limit,
             feedforward={k: v for k, v in fed.items() if k not in back},

@@ -68,7 +68,7 @@ def refined(data: Data, fitted: Fitted) -> Fitted | None:
 def _clean(data: Data) -> Data:
     """Return the log with the part of position and velocity that follows from the reference."""
     record, X = data.record, _words(data)
-    dq_ref = speed_reference(record)
+    dq_ref = speed_reference(record, data.derivative)
 
     def explained(x: Array) -> Array:
         return np.asarray(X @ np.linalg.lstsq(X.T @ X, X.T @ x, rcond=1e-12)[0])
@@ -87,7 +87,7 @@ def _clean(data: Data) -> Data:
 def _words(data: Data) -> Array:
     """Return signals that the reference makes of a loop, (n, m): its words behind slow filters."""
     record = data.record
-    dq = speed_reference(record)
+    dq = speed_reference(record, data.derivative)
     ddq = np.gradient(dq, record.dt)
     words = [dq, ddq, np.sign(dq), np.gradient(ddq, record.dt)]
     if record.q_ref is not None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ...errors import RecordError
 from ...linalg.noise import NoiseModel
 from ...record import Record
-from ..controllers import Controller
+from ..controllers import DERIVATIVES, Controller
 from . import linear
 from .data import Data
 from .forms import LEAST, Form, Regressions, plausible, price
@@ -81,9 +82,53 @@ def _told_by_part(loop: ClosedLoop, record: Record) -> Searched | None:
     best, seen, tried = _search(loop, part)
     if best is None:
         return None
-    data = Data.of(loop, record, seen.logged)
+    data = Data.of(loop, record, seen.logged, seen.derivative)
     whole = polished(data, best.controller)
     return (whole, data, tried) if whole.left < _FILTERED else None
+
+
+class _Laws(NamedTuple):
+    """The best law of one way to derive the reference, what it saw, all others, what was tried."""
+
+    best: Fitted | None
+    data: Data
+    laws: list[list[Fitted]]
+    seen: list[Data]
+    tried: list[Tried]
+
+    @property
+    def left(self) -> float:
+        """Share of the command's power that it leaves."""
+        return self.best.left if self.best is not None else float("inf")
+
+
+def _simple(loop: ClosedLoop, record: Record, ways: Sequence[bool], derivative: str) -> _Laws:
+    """Return the laws without filters, by where they have their velocity and how they derive."""
+    seen = [Data.of(loop, record, logged, derivative) for logged in ways]
+    found = [_plain(loop, data) for data in seen]
+    laws = [plain for plain, _ in found]
+    tried = [form for _, forms in found for form in forms]
+    return _Laws(*_cheapest(loop, laws, seen), laws, seen, tried)
+
+
+def _other_way(found: _Laws) -> str:
+    """Return the other way in which a controller may derive its reference."""
+    return next(way for way in DERIVATIVES if way != found.data.derivative)
+
+
+def _better(found: _Laws, other: _Laws, most: float) -> _Laws:
+    """Return other laws where they leave less than that."""
+    return other if other.left < most else found
+
+
+def _behind_filters(loop: ClosedLoop, found: _Laws) -> _Laws:
+    """Return the laws with filters as well."""
+    laws = [
+        plain + _surrounded(loop, data, _chosen(loop, plain, data).left) if plain else plain
+        for plain, data in zip(found.laws, found.seen, strict=True)
+    ]
+    best, data = _cheapest(loop, laws, found.seen)
+    return found._replace(best=best, data=data, laws=laws)
 
 
 def _search(loop: ClosedLoop, record: Record) -> Searched:
@@ -91,28 +136,25 @@ def _search(loop: ClosedLoop, record: Record) -> Searched:
     ways = [False, True] if record.dq is not None else [False]
     if loop.controller.velocity == "logged" and record.dq is not None:
         ways = [True]
-    tried: list[Tried] = []
-    seen = [Data.of(loop, record, logged) for logged in ways]
-    laws: list[list[Fitted]] = []
-    for data in seen:
-        plain, forms = _plain(loop, data)
-        tried += forms
-        laws.append(plain)
-    best, data = _cheapest(loop, laws, seen)
-    if best is not None and best.left > _NOISY and not just_logged(seen[0]):
-        unseen = _unseen(loop, seen[0], best)
+    found = _simple(loop, record, ways, loop.controller.reference_derivative)
+    if found.best is not None and found.left > _PERFECT:
+        other = _simple(loop, record, ways, _other_way(found))
+        found = _better(found, other, _WORTH * found.left)
+    noisy = found.left > _NOISY and not just_logged(found.seen[0])
+    if found.best is not None and noisy:
+        unseen = _unseen(loop, found.seen[0], found.best)
         if unseen is not None:
-            return *unseen, tried
-    if best is not None and best.left > _FILTERED:
-        laws = [
-            plain + _surrounded(loop, data, _chosen(loop, plain, data).left) if plain else plain
-            for plain, data in zip(laws, seen, strict=True)
-        ]
-        best, data = _cheapest(loop, laws, seen)
+            return *unseen, found.tried
+    if found.best is not None and found.left > _FILTERED:
+        found = _behind_filters(loop, found)
+    if found.best is not None and found.left > _FILTERED and just_logged(found.data):
+        other = _behind_filters(loop, _simple(loop, record, ways, _other_way(found)))
+        found = _better(found, other, _FILTERED)
+    best, data, *_, tried = found
     if best is not None and best.left > _FILTERED and just_logged(data):
         law = linear.state_space(data)
-        found = polished(data, law) if law is not None else best
-        best = found if found.left < _FILTERED else best
+        whole = polished(data, law) if law is not None else best
+        best = whole if whole.left < _FILTERED else best
     if best is not None and best.left > _NOISY:
         best, data = _quiet(loop, data, best) or (best, data)
         told = _instrumented(replace(data, low_pass=None), best)
