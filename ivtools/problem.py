@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import EstimationError, IVToolsError, RecordError, ShapeError
+from .errors import AxisError, EstimationError, IVToolsError, RecordError, ShapeError
 from .linalg import solve_iv
 from .loop import ClosedLoop, RobotLoop, Simulation
 from .loop.model import Theta
@@ -370,7 +370,10 @@ class Problem:
         values = self.loop.possible(self.loop.values(theta), self.record, lambda: self.X)
         loop = self.scaled_loop(values) if scale_gain else self.loop
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable loop is told below
-            simulation = loop.simulate(self.record, values, **self.simulation)
+            try:
+                simulation = loop.simulate(self.record, values, **self.simulation)
+            except AxisError as error:  # without inertia, or of links that cannot be
+                raise EstimationError(str(error)) from error
         if not simulation.finite:
             raise EstimationError("the simulated loop is unstable at these parameters")
         if not filtered:

@@ -16,6 +16,7 @@ from ...results import FitResults
 from ..diagnosis import Diagnosis
 from ..rules import POSES, SMALL_SWING
 from .behind import Alone, follow
+from .links import possible
 
 Array = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ def alone(
     problem = fit.problem
     assert problem is not None
     loop: Any = problem.loop
-    values = loop.values({str(k): float(v) for k, v in fit.params.items()})
+    values = possible(fit, problem.record)
     motion = problem.pipeline.differentiate(record.q, record.dt)
     motion.dq[:2] = motion.ddq[:2] = 0.0  # links hang where they do at rest when a record begins
     places, ddqs, loose = motion.q.copy(), motion.ddq.copy(), []

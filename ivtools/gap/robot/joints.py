@@ -22,6 +22,7 @@ from ..rules import ROUNDS, SWING_IN
 from .behind import TWO_MASSES
 from .diagnosis import Coupled, RobotDiagnosis
 from .joint import Joint, Loads, assumed, other_way_round, swings
+from .links import possible
 
 
 @one_blas_thread()
@@ -159,10 +160,8 @@ def errors(fit: FitResults, record: Record) -> dict[str, float]:
     """Return the rms of measured less simulated force per joint, N or N m; NaN if it diverges."""
     assert fit.problem is not None
     loop: Any = fit.problem.loop
-    values = loop.values({str(k): float(v) for k, v in fit.params.items()})
     try:
-        values = loop.possible(values, record, lambda: fit.X)
-        simulation = loop.simulate(record, values)
+        simulation = loop.simulate(record, possible(fit, record))
     except IVToolsError:
         return dict.fromkeys(loop.joints, float("nan"))
     gap = loop.force(record) - simulation.tau

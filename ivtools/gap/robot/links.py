@@ -83,6 +83,20 @@ class Links(NamedTuple):
         return Doubt(self.t, rest[:, felt], mean, precision, as_own[:, felt])
 
 
+def possible(fit: FitResults, record: Record) -> dict[str, float]:
+    """Return the parameters of a robot's fit, or the nearest that a record can be simulated with.
+
+    Raises
+    ------
+    MissingExtraError
+        If that takes cvxpy and it is not installed.
+    """
+    assert fit.problem is not None
+    loop: Any = fit.problem.loop
+    values = loop.values({str(k): float(v) for k, v in fit.params.items()})
+    return dict(loop.possible(values, record, lambda: fit.X))
+
+
 def measure(fit: FitResults, record: Record, before: Links | None = None) -> Links | None:
     """Return what the joints say along a simulation with these parameters; None if it diverges.
 
@@ -96,10 +110,8 @@ def measure(fit: FitResults, record: Record, before: Links | None = None) -> Lin
     """
     assert fit.problem is not None
     loop: Any = fit.problem.loop
-    values = loop.values({str(k): float(v) for k, v in fit.params.items()})
-
     try:
-        values = loop.possible(values, record, lambda: fit.X)
+        values = possible(fit, record)
         simulation = loop.simulate(record, values)
         now = simulation.tau
         if before is None:
