@@ -24,6 +24,7 @@ from ivtools.gap.fold import Doubt, Fold, Link, usable
 from ivtools.gap.library import Scales
 from ivtools.gap.response import Response
 from ivtools.gap.robot import alone, assumed, behind, identified, joint, links
+from ivtools.loop import robot_engine
 from ivtools.physics import EFFECTS
 
 
@@ -213,6 +214,39 @@ def test_the_load_is_what_the_others_ask():
         sim = part.loop.simulate(part.record, theta)
         force = part.loop.force(part.record)
         assert np.sqrt(np.mean((sim.tau - force)[500:] ** 2)) < 0.02 * np.sqrt(np.mean(force**2))
+
+
+def test_links_that_cannot_be_simulated_are_no_end_of_the_identification(monkeypatch):
+    """The instruments are led back from there, or those of least squares are taken."""
+    loop = two_loop()
+    record, run, calls = measured(loop, 1), robot_engine.run, []
+
+    def once(*arguments):
+        calls.append(arguments)
+        return run(*arguments) if len(calls) > 1 else False
+
+    monkeypatch.setattr(robot_engine, "run", once)
+    assert identified(record, loop)[0].converged and len(calls) > 2
+    monkeypatch.setattr(robot_engine, "run", lambda *arguments: False)
+    fit, (said,) = identified(record, loop)
+    assert "did not converge" in said and np.isfinite(fit.params).all()
+
+
+@pytest.mark.parametrize("factor", [-3.0, -0.5])
+def test_a_joint_of_a_fit_that_no_links_can_have_is_one_that_can_be_simulated(factor):
+    """Least squares may give a joint no inertia, where little of it shows."""
+    loop = two_loop()
+    record = measured(loop, 1)
+    fit, _ = identified(record, loop)
+    heavy = [n for n in fit.params.index if n.startswith("ZZ")]
+    assert heavy
+    params = fit.params.copy()
+    params[heavy] *= factor
+    bad = SimpleNamespace(problem=fit.problem, params=params, X=fit.X)
+    for j in range(2):
+        one = alone(j, record, bad)
+        assert one.loop.start["inertia"] > 0.0
+        assert one.loop.simulate(one.record, one.loop.start).finite
 
 
 def test_a_link_swings_behind_its_drive():
