@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from robots import axis, one_joint, plan, reference, six_loop, two_axes, two_joints
 from scipy.integrate import solve_ivp
+from scipy.stats import special_ortho_group
 
 import ivtools as iv
 from ivtools.errors import AxisError, ShapeError
+from ivtools.pipeline import Motion
+from ivtools.robot.robot import Joint, Place, Robot
 
 PLAIN = {"viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 EFFECTS = {
@@ -258,6 +261,32 @@ def test_the_regressor_gives_the_force():
 
 
 # --- what is at fault ---
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_mass_matrix_is_that_of_the_parameters(seed):
+    """Whatever is regrouped: of a slide along gravity the drive's inertia is, with its offset."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 5))
+    kinds = rng.choice(["revolute", "prismatic"], n)
+    turns = [np.eye(3) if rng.uniform() < 0.5 else special_ortho_group.rvs(3, random_state=rng)
+             for _ in range(n)]  # fmt: skip
+    joints = tuple(
+        Joint(f"j{k}", f"l{k}", str(kinds[k]), k - 1, turns[k], rng.normal(0.0, 0.2, 3))
+        for k in range(n)
+    )
+    places = {f"l{k}": Place(k, np.eye(3), np.zeros(3)) for k in range(n)}
+    phi = np.abs(rng.normal(size=(n, 10))) * [1.0, *[0.1] * 3, *[0.05] * 6]
+    robot = Robot("some", joints, phi, (0.0, 0.0, -9.81), places)
+    terms = ("inertia", "viscous", "coulomb", "offset")
+    drives = [axis(1.0, 0.1, terms, inertia=rng.uniform(1, 9)) for _ in kinds]
+    axes = [replace(a, joint=str(kind)) for a, kind in zip(drives, kinds, strict=True)]
+    loop = iv.RobotLoop(robot, axes)
+    q, ddq = rng.normal(size=(2, 50, n))
+    theta = list(loop.values().values())
+    moved, still = (loop.regressor(Motion(q, 0.0 * q, a)) @ theta for a in (ddq, 0.0 * ddq))
+    M = loop.mass_matrix(q, loop.values())
+    np.testing.assert_allclose(np.einsum("kij,kj->ki", M, ddq), (moved - still).T, atol=1e-9)
 
 
 def test_an_indefinite_mass_matrix_is_refused():

@@ -349,7 +349,14 @@ class RobotLoop(Model):
     def joint_values(self, joint: int, values: Mapping[str, float]) -> dict[str, float]:
         """Return the values of a joint's own parameters, by their names on one axis."""
         axis, name = self.axes[joint], self.joints[joint]
-        return {key: values.get(f"{name}.{key}", 0.0) for key in axis.parameters}
+        own = {key: f"{name}.{key}" for key in axis.parameters}
+        return {key: values.get(self._kept.get(n, n), 0.0) for key, n in own.items()}
+
+    @cached_property
+    def _kept(self) -> dict[str, str]:
+        """The base parameter as which each standard one that is kept is grouped, by name."""
+        kept = (self.base.standard[column] for column in self.base.columns)
+        return dict(zip(kept, self.base.names, strict=True))
 
     def mass_matrix(self, q: ArrayLike, theta: Theta | None = None) -> Array:
         """Return the mass matrix that the drives feel, (n_samples, n, n), kg m2 (kg, kg m)."""

@@ -69,7 +69,7 @@ class Links(NamedTuple):
         size = np.linalg.norm(A[:, links], axis=0)
         share = np.linalg.norm(rest, axis=0) / np.maximum(size, 1e-300)
         felt = share > OWN
-        if f"{joint}.inertia" not in self.names and felt.any():
+        if not {f"{joint}.inertia", f"{joint}.inertiaR"} & {*self.names} and felt.any():
             share[~felt] = np.inf
             felt[np.argmin(share)] = False  # with it the inertia of the drive is regrouped
         kept, free = links[felt], np.setdiff1d(number, links[felt])
