@@ -257,11 +257,11 @@ class Diagnosis(Displayed):
         if self.size:
             lines += _wrapped(f"gap: {self.size}", "  ")
         for effect in self.effects:
-            lines += self._named(effect)
-        for name, change in self.changed.items():
-            lines += _wrapped(change.said(name), "  ")
-        if self.discrepancy is not None:
-            lines += _wrapped(f"left: {self.discrepancy.text}", "  ")
+            lines += _wrapped(self.described(effect), "  ")
+            for replica in (r for r in self.replicas if r.effect == effect):
+                lines += _wrapped(f"  {replica.short}", "    ")
+        for text in self.otherwise:
+            lines += _wrapped(text, "  ")
         if self.block:
             lines.append(f"block of the loop: {self.block}")
         return [*lines, *self._figures()]
@@ -271,18 +271,20 @@ class Diagnosis(Displayed):
         likely = self.probability.get(effect)
         return "" if likely is None else f" ({100 * likely:.0f} % likely)"
 
-    def _named(self, effect: str) -> list[str]:
-        """Return what is said of a named effect."""
+    def described(self, effect: str) -> str:
+        """Return a named effect with its values, how likely it is, and what it may be as well."""
         own = self.parameters.get(effect, {})  # without a spring or a delay that is none
         shown = {k: v for k, v in own.items() if v != 0.0} or own
         values = ", ".join(f"{k} {self.value(effect, k)}" for k in shown)
         twins = self.ambiguous_with.get(effect, [])
         other = f"; the records cannot tell it from {' or '.join(twins)}" if twins else ""
-        chance = self.chance(effect)
-        lines = _wrapped(f"{effect}{chance}: {values}{other}", "  ")
-        for replica in (r for r in self.replicas if r.effect == effect):
-            lines += _wrapped(f"  {replica.short}", "    ")
-        return lines
+        return f"{effect}{self.chance(effect)}: {values}{other}"
+
+    @property
+    def otherwise(self) -> list[str]:
+        """What has changed between the records, and what is left without a name, in sentences."""
+        said = [change.said(name) for name, change in self.changed.items()]
+        return said + ([] if self.discrepancy is None else [f"left: {self.discrepancy.text}"])
 
     def _figures(self) -> list[str]:
         """Return the force errors before and after."""

@@ -410,7 +410,7 @@ def described(controller: Controller) -> str:
     if controller.kind == "state-space":
         what = "as with a filter of the reference, or two in a row"
         law = f"a linear law with {controller.words[0]}"
-        return f"{law}, {what} (`ivtools axis new` has its matrices)"
+        return f"{law}, {what} (`ivtools axis new`, or `robot new`, has its matrices)"
     plain = Controller("none", {})
     if all(abs(w) < GAIN_ERROR for w in controller.velocity_filter[1:]):
         controller = replace(controller, velocity_filter=plain.velocity_filter)

@@ -103,7 +103,7 @@ class RobotDiagnosis(Displayed):
         """Return how much of its force each joint's error is, and whether that is negligible."""
         judged = [(name, d, d.shrink) for name, d in self.joints.items() if d.shrink is not None]
         return [
-            f"{name} {s.of_force(s.before):.2g} %{' (negligible)' * d.negligible}"
+            f"{name} {s.of_force(s.before):.2g} %" + (f" ({d.small})" if d.small else "")
             for name, d, s in judged
         ]
 
@@ -162,9 +162,6 @@ class RobotDiagnosis(Displayed):
 
 
 def _said(diagnosis: Diagnosis) -> list[str]:
-    """Return how an effect is described, and the first finding."""
-    lines = [
-        f"{e} " + ", ".join(f"{k} {diagnosis.value(e, k)}" for k in diagnosis.parameters.get(e, {}))
-        for e in diagnosis.effects
-    ]
-    return lines + [f.text for f in diagnosis.findings[:1]]
+    """Return what is named, what has changed or is left, and the first finding."""
+    named = [diagnosis.described(e) for e in diagnosis.effects]
+    return [*named, *diagnosis.otherwise, *(f.text for f in diagnosis.findings[:1])]
