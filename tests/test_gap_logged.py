@@ -178,6 +178,30 @@ def test_a_controller_is_simulated_at_its_own_rate(count):
         assert off < 0.1 * as_logged
 
 
+@pytest.mark.filterwarnings("ignore:record. q implies")
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("made", [0, 1, 3])
+def test_between_the_samples_of_a_log_a_reference_goes_on_as_it_was_made(made, seed):
+    """Held or interpolated by whoever made it at a lower rate, or smooth."""
+    rng = np.random.default_rng(seed)
+    log, count, slower = 1e-3, int(rng.integers(2, 9)), int(rng.integers(3, 11))
+    fine = np.arange(4000 * count + 1) * log / count
+    hz, size = rng.uniform(0.5, 2.0), 10.0 ** rng.uniform(-5, 2)
+    smooth = size * np.sin(2.0 * np.pi * hz * fine) * np.sin(2.0 * np.pi * 0.3 * hz * fine)
+    knots = slice(None, None, count * slower)
+    q_ref = {
+        0: smooth[knots][np.arange(len(fine)) // (count * slower)],
+        1: np.interp(fine, fine[knots], smooth[knots]),
+        3: smooth,
+    }[made]
+    last = len(fine) - (len(fine) - 1) % (count * slower)
+    few = q_ref[:last:count]
+    digits = size * 1e-9 * np.round(few / (size * 1e-9))
+    record = iv.Record(fine[:last:count], digits, q_ref=digits, nu=np.cos(fine[:last:count]))
+    between_them = between.interpolated(record, count).q_ref[:, 0]
+    assert np.max(np.abs(between_them - q_ref[:last])) < 1e-4 * size
+
+
 def test_of_a_step_that_a_log_has_between_its_samples_nothing_is_asked():
     """Of an input that always jumps everything is."""
     loop = iv.axes.emps()

@@ -77,6 +77,16 @@ def test_a_load_without_friction_has_a_box_of_its_own(scales):
     assert len(Box.of(EFFECTS["flexibility"], scales)) == 1  # its share begins at zero
 
 
+def test_the_inverse_model_may_have_columns_that_depend_on_each_other():
+    """As dry friction and what stands in its place: the inertia is told all the same."""
+    loop = iv.axes.emps()
+    both = loop.with_terms(*(t.name for t in loop.terms), "asymmetric-friction")
+    found = fit.Inverse.of(iv.datasets.twin(), both).values()
+    plain = fit.Inverse.of(iv.datasets.twin(), loop).values()
+    assert found["inertia"] == pytest.approx(plain["inertia"], rel=1e-3)
+    assert np.isfinite(list(found.values())).all()
+
+
 def test_a_load_that_rattles_in_one_of_two_records_is_told_by_stretches_of_that_one():
     """Nothing replicates between a record that rattles and one that does not."""
     true = {"gap": 6e-5, "load_share": 0.22, "load_friction": 0.5, "contact_hz": 150.0}

@@ -15,6 +15,7 @@ from scipy.interpolate import make_interp_spline
 from ..loop import ClosedLoop, Simulation
 from ..loop.model import Theta
 from ..record import Record
+from .rules import SINGLE
 
 Array = NDArray[np.float64]
 
@@ -34,13 +35,29 @@ def interpolated(record: Record, count: int) -> Record:
 def _interpolated(record: Record, count: int) -> Record:
     signals: dict[str, Any] = {}
     for name, x in record.signals.items():
-        signals[name] = _finer(x, count, 1 if name in ("nu", "tau") else 3)
+        degree = _degree(x) if name in ("q_ref", "dq_ref") else 1 if name in ("nu", "tau") else 3
+        signals[name] = _finer(x, count, degree) if degree else _held(x, count)
     if record.added is not None:
         signals["added"] = _held(record.added, count)
         if record.nu is not None:  # which jumps where the added input does
             signals["nu"] = _finer(record.nu - record.added, count, 1) + signals["added"]
     extra = {name: _finer(x, count, 1) for name, x in record.extra.items()}
     return Record(_finer(record.t, count, 1), extra=extra, name=record.name, **signals)
+
+
+def _degree(reference: Array) -> int:
+    """Return how a reference goes on between its samples, (n_samples, 1): 0 holds it.
+
+    One that was made at a lower rate than it is logged has single jumps, where it was held, or
+    single bends, where it was interpolated; one between two samples of the log makes two of them.
+    """
+    for degree in (0, 1):
+        size = np.abs(np.diff(reference[:, 0], degree + 1))
+        single = size > SINGLE * np.max(size, initial=0.0)
+        starts = np.flatnonzero(single[1:] & ~single[:-1])
+        if 0 < single.sum() <= 2 * (len(starts) + single[0]):
+            return degree
+    return 3
 
 
 def _finer(x: Array, count: int, degree: int) -> Array:

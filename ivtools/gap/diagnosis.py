@@ -295,7 +295,7 @@ class Diagnosis(Displayed):
         if self.effects or s.shown(s.before) != s.shown(s.after):
             text = f"{s.shown(s.before)} -> {text}"
         text = f"force error: {text}; floor, which no model could go below: {s.shown(s.floor)}"
-        if self.effects:
+        if self.effects and s.shown(s.before) != s.shown(s.after):
             text += f"; closed {round(100 * s.closed)} % of what is above it"
         lines = _wrapped(text, "  ")
         if s.put_right:

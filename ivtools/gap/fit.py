@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..limits import LARGEST
-from ..linalg import as_columns, block_covariance, independent, orthonormal, solve_iv
+from ..linalg import as_columns, block_covariance, independent, orthonormal
 from ..loop import ClosedLoop, Simulation
 from ..physics import Parameter, Term
 from ..problem import Problem
@@ -451,7 +451,7 @@ class Inverse:
         """Return the parameters by least squares, with what an effect takes of the force."""
         loop, problem = self.problem.loop, self.problem
         y = problem.y if term is None else self._force(term, point or {})
-        theta = solve_iv(problem.X, y, names=problem.names)
+        theta = normal(problem.X, y)  # beside what is in the model, columns may be dependent
         found = dict(zip(problem.names, theta.tolist(), strict=True))
         for name, p in loop.parameters.items():
             if name in found:

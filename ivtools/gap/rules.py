@@ -134,6 +134,9 @@ MISPLACED = (1, -1, 2, -2, 3, -3)
 #: Samples of the controller per sample of a log that are tried (judgement: drives of up to 20 kHz
 #: that are logged at 1 kHz).
 FASTER = (2, 3, 4, 5, 8, 10, 16, 20)
+#: Size, of the largest, from which a change of a reference, or of its slope, counts where one that
+#: was made at a lower rate than it is logged is told (numerics: digits of a log).
+SINGLE = 1e-3
 #: Samples of a log by which the delay that it shows then differs at most (training: 0.2 where noise
 #: of the encoder hides it).
 FASTER_LATE = 0.25
@@ -691,8 +694,8 @@ CONFIDENCE = 0.95
 LEAST_BLOCKS = 10
 #: All names fall together if they do not lower the force error by this share of it (judgement: of
 #: two false names, on a healthy arm and a healthy axis with encoder noise, the larger lowered it by
-#: 0.0005). Where one was decided at the controller, any fall is enough, and a limit counts as such
-#: if it lowers the error by this share.
+#: 0.0005). Where one was decided at the controller, any fall is enough; a limit counts as such, and
+#: its settings are put right, if that lowers the error by this share.
 FAINT = 0.005
 #: Whitened energy that all names remove together, above which any fall is enough: fast noise is
 #: most of the force error, and the effect stands out of it (judgement: of those two the larger

@@ -32,7 +32,7 @@ from ..floor import (
 from ..fold import Link
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import AUDIBLE, ROUNDING, SATURATED, TOLERANCE, Rules
+from ..rules import AUDIBLE, FAINT, ROUNDING, SATURATED, TOLERANCE, Rules
 from .refused import refused
 
 
@@ -443,7 +443,8 @@ def _shown(task: Task, found: Sequence[Parity], kept: Sequence[Parity]) -> list[
     """Return what is said of other laws that records show, taken or not."""
     read = task.record.name if task.loop.controller.kind == "identify" else ""
     pairs = zip(found, kept, strict=False)
-    said = [preflight.other_law(p, k.mismatch == p.mismatch, read) for p, k in pairs]
+    same = [(p, (k.taken, k.mismatch) == (p.taken, p.mismatch)) for p, k in pairs]
+    said = [preflight.other_law(p, kept, read) for p, kept in same]
     return _by_record(task.given.values(), said)
 
 
@@ -461,18 +462,17 @@ def _comparable(loop: ClosedLoop, one: Ready) -> ClosedLoop:
 
 
 def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measured, ...]:
-    """Take back a correction of the controller that does not lower the force error.
+    """Take back a correction of the controller that hardly lowers the force error.
 
+    By an energy that is nothing beside the noise: beside a large gap the noise counts, not the gap.
     A model that is driven by the recorded command knows no controller.
     """
     kept = []
     for m in measured:
         p = m.parity
-        if (
-            p.mismatch
-            and not m.driven
-            and quantify.declared(loop, (m,)).force_rms <= m.base.force_rms
-        ):
+        least = m.base.force_rms**2 + 2.0 * FAINT * m.floor.noise**2
+        corrected = (p.mismatch or p.taken) and not m.driven
+        if corrected and quantify.declared(loop, (m,)).force_rms ** 2 <= least:
             shown = p.loop.controller
             declared = replace(loop.controller, delay=shown.delay, limit=shown.limit)
             plain = replace(m.base.loop, controller=declared)

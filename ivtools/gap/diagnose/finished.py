@@ -150,7 +150,7 @@ def _that_lower(
     shrink, traces = quantify.how_far(plain, measured, result, fold, held_out, bool(effects))
     tried = result.named if measured[-1].driven else effects  # its controller changes nothing
     removed = cost(result.base) - cost(result.held)
-    faint = removed * sum(m.floor.surprise for m in measured) < swung
+    faint = swung > 0.0 and removed * sum(m.floor.surprise for m in measured) < swung
     if not tried or (not faint and verdict.lowers(shrink, not at_controller, removed)):
         return _Outcome(effects, result, shrink, traces)
     said = verdict.may_swing(effects) if faint else verdict.no_better(effects, values, shrink)
