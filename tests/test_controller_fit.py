@@ -56,6 +56,16 @@ def test_a_law_that_derives_its_reference_backward_is_found(kind, seed):
     assert found.reference_derivative == ("backward" if takes else "central")
 
 
+@pytest.mark.parametrize("taps", [4, 6])
+@pytest.mark.parametrize("kind", ["cascade-pd", "pd", "pid", "p-pi", "pi-velocity"])
+def test_a_velocity_that_is_the_mean_of_several_differences_is_found(kind, taps):
+    for seed in range(2):
+        loop, _, record = played(seed, kind, velocity_filter=(1.0 / taps,) * taps)
+        found = replace(loop, controller=UNKNOWN).identify_controller(record)[1].controller
+        assert (found.kind, found.delay) == (kind, loop.controller.delay)
+        assert found.velocity_filter == pytest.approx(loop.controller.velocity_filter, abs=0.01)
+
+
 NOISY = [  # seed, kind; 250 Hz to 4 kHz
     (0, "p-pi"), (1, "p-pi"), (0, "cascade-pd"), (1, "cascade-pd"), (0, "pd"), (2, "pd"),
     (0, "pid"), (1, "pid"), (0, "pi-velocity"), (2, "pi-velocity"),

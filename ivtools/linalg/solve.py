@@ -165,10 +165,11 @@ def _projected(
         A = Q.T @ (X / scale)
     if dependent := _dependent(A):
         labels = [f"column {i}" if names is None else str(names[i]) for i in dependent]
-        what = "depends on" if len(labels) == 1 else "depend on"
+        one = len(labels) == 1
+        what, gone = ("depends on", "vanishes") if one else ("depend on", "vanish")
         how = "the other columns" if Z is None else "the others in the space of the instruments"
         raise EstimationError(
-            f"{', '.join(labels)} {what} {how} or vanish; drop the term, or excite the axis more"
+            f"{', '.join(labels)} {what} {how} or {gone}; drop the term, or excite the axis more"
         )
     return A, Q, scale
 

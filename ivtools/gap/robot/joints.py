@@ -24,6 +24,8 @@ from .diagnosis import Coupled, RobotDiagnosis
 from .joint import Joint, Loads, assumed, other_way_round, swings
 from .links import possible
 
+_OF_LINKS = ("gravity",)
+
 
 @one_blas_thread()
 def diagnose_robot(
@@ -73,6 +75,8 @@ def diagnose_robot(
     say = progress or (lambda _: None)
     numbers = [loop.robot.joint(name) for name in (joints or loop.joints)]
     loop = loop.known(record)
+    if any(loop.robot.gravity):  # what links weigh is among the robot's parameters
+        settings["without"] = (*settings.get("without", ()), *_OF_LINKS)
     say("identifying the robot")
     plain, notes = identified(record, loop)
     records = [one for one in (record, holdout) if one is not None]

@@ -239,10 +239,12 @@ def no_better(
     limited = {"saturation": f"saturation (at {limit:.4g})"}
     names = ", ".join(limited.get(e, e) for e in effects)
     errors = [quantity(x, shrink.unit) for x in (shrink.before, shrink.after)]
-    text = f"with {names} in the model the held-out force error goes from {' to '.join(errors)}"
     rises = shrink.after > shrink.before
-    why = "which is a rise" if rises else "which is too little"
-    return Finding(f"{text}, {why}: nothing is named", fatal=False)
+    how = f"goes from {' to '.join(errors)}, which is {'a rise' if rises else 'too little'}"
+    if errors[0] == errors[1]:
+        how = f"stays at {errors[0]}"
+    text = f"with {names} in the model the held-out force error {how}: nothing is named"
+    return Finding(text, fatal=False)
 
 
 def tally(what: str, verdicts: Iterable[str]) -> str:

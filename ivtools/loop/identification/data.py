@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-TAPS, DELAYS = 3, 4  # longest velocity filter, and how many delays are tried, from 0
+TAPS, DELAYS = 6, 4  # longest velocity filter, and how many delays are tried, from 0
 HEAD = TAPS + DELAYS + 2  # samples whose past is not in the record
 _LEAST = 10 * HEAD  # samples that tell a law, at least
 _CLIPPED = 5  # so many samples at the very largest command are a limit

@@ -22,7 +22,7 @@ from scipy import signal
 from ...errors import AxisError
 from ...linalg.noise import NoiseModel
 from ..controllers import KINDS, Controller, Seen
-from .data import DELAYS, TAPS, Data
+from .data import DELAYS, Data
 from .forms import LEAST, MOST, Form, plausible
 from .polish import NOISE, Fitted, Law, jacobian, moved, names_of, values
 from .shapes import filters
@@ -33,6 +33,7 @@ X = TypeVar("X", Form, Controller)
 _STEPS, _HALVES = 20, 8  # of Gauss and Newton, and of a step that makes it worse
 _GAINED = 1e-5  # of the power left, below which a step is the last
 _OUTSIDE = 1e-6  # of the unit circle, to which a law can be turned round
+_TAPS = 3  # longest velocity filter of laws that are turned round
 _TELLS = 100  # samples below the limit, at least, in a stretch that is used
 _MOST = 12  # stretches
 _SILENT = 1e-9  # of the largest singular value: answers of a start that are none
@@ -364,7 +365,7 @@ def turned(data: Data, declared: Controller, forms: Iterable[Form]) -> list[Fitt
     wide = [
         replace(f, columns=tuple(_widened(f, taps)))
         for f, _ in near[:_GROWN]
-        for taps in range(2, TAPS + 1)
+        for taps in range(2, _TAPS + 1)
     ]
     near = _nearest([*near, *searched(part, wide, near)], _FORMS)
     near = _nearest([*near, *(more for one in near[:_GROWN] for more in _grown(part, one))], _FORMS)
