@@ -34,11 +34,20 @@ def seed_sequence(*parts: Any) -> np.random.SeedSequence:
 
 
 def canonical(value: Any) -> Any:
-    """Return a value as plain JSON: what it says, not where it lives or how it was made."""
+    """Return a value as plain JSON: what it says, not where it lives or how it was made.
+
+    A field that a dataclass got "later" (its metadata) counts only where it is not plain: seeds
+    that were drawn before stay.
+    """
     if isinstance(value, Term):
         return _term(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: canonical(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        said = {f.name: (f, getattr(value, f.name)) for f in dataclasses.fields(value)}
+        fields = {
+            name: canonical(x)
+            for name, (f, x) in said.items()
+            if not (f.metadata.get("later") and x == f.default)
+        }
         return [type(value).__qualname__, fields]
     if isinstance(value, Mapping):
         return {str(k): canonical(v) for k, v in value.items()}

@@ -2,13 +2,14 @@
 
 import pickle
 import textwrap
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import ivtools as iv
-from ivtools.digest import digest, seed_sequence
+from ivtools.digest import digest, loop_text, seed_sequence
 from ivtools.errors import IVToolsError
 from ivtools.study import (
     COLUMNS,
@@ -42,6 +43,14 @@ def same(a: pd.DataFrame, b: pd.DataFrame) -> None:
 
 
 # --- cases --------------------
+
+
+def test_a_setting_that_came_later_changes_no_seed_unless_it_is_used():
+    """The first digits are those from before controllers had one."""
+    loop = iv.axes.emps()
+    assert digest(loop_text(loop)).startswith("c215f2638f4529c6")
+    other = replace(loop.controller, reference_derivative="backward")
+    assert digest(loop_text(replace(loop, controller=other))) != digest(loop_text(loop))
 
 
 def test_the_same_seed_gives_the_same_record_and_others_differ():

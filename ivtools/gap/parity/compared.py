@@ -135,13 +135,19 @@ def otherwise_derived(record: Record, loop: ClosedLoop) -> ClosedLoop | None:
 
 
 def explains_more(found: Sequence[Parity], other: Sequence[Parity]) -> bool:
-    """Whether laws explain much more of their records' commands than others, as declared or not."""
+    """Whether laws explain much more of their records' commands than others.
+
+    As they are declared, or with settings put right; with wrong settings a wrong one may explain
+    more, but not as it is declared.
+    """
     declared, put_right = (
         float(np.linalg.norm([getattr(p, name) for p in found]))
         / max(float(np.linalg.norm([getattr(p, name) for p in other])), 1e-300)
         for name in ("before", "after")
     )
-    return min(declared, put_right) < REFERENCE_BETTER and put_right < GAIN_NEEDED
+    limited = any(p.limit is not None for p in found)  # of which the declared law knows nothing
+    no_worse = put_right < GAIN_NEEDED and (limited or declared < 1.0)
+    return no_worse and min(declared, put_right) < REFERENCE_BETTER
 
 
 def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int = 0) -> Parity:

@@ -91,7 +91,7 @@ class Controller:
     feedforward: Mapping[str, float] = field(default_factory=dict)
     feedback: Mapping[str, float] = field(default_factory=dict)
     anti_windup: str = "clamp"
-    reference_derivative: str = "central"
+    reference_derivative: str = field(default="central", metadata={"later": True})
 
     def __post_init__(self) -> None:
         if self.kind not in (*KINDS, UNKNOWN):

@@ -147,9 +147,9 @@ def _search(loop: ClosedLoop, record: Record) -> Searched:
             return *unseen, found.tried
     if found.best is not None and found.left > _FILTERED:
         found = _behind_filters(loop, found)
-    if found.best is not None and found.left > _FILTERED and just_logged(found.data):
+    if found.best is not None and found.left > _PERFECT and just_logged(found.data):
         other = _behind_filters(loop, _simple(loop, record, ways, _other_way(found)))
-        found = _better(found, other, _FILTERED)
+        found = _better(found, other, _WORTH * found.left)
     best, data, *_, tried = found
     if best is not None and best.left > _FILTERED and just_logged(data):
         law = linear.state_space(data)
