@@ -10,7 +10,7 @@ import numpy as np
 from .columns import UNITS
 from .display import Displayed
 from .errors import IVToolsError
-from .gap.parity import Parity, at_rate
+from .gap.parity import Parity, at_rate, otherwise_derived
 from .gap.parity import check as check_parity
 from .problem import Problem
 from .tables import Text, table
@@ -127,10 +127,18 @@ def _law(
         return None
     try:
         shown = record.longest.liveliest()
-        parity = check_parity(shown, loop.known(record), oversampling=at_rate(loop))
+        known, rate = loop.known(record), at_rate(loop)
+        parity = check_parity(shown, known, oversampling=rate)
+        again = otherwise_derived(
+            shown, known, [parity], lambda other: [check_parity(shown, other, oversampling=rate)]
+        )
     except IVToolsError as error:
         advice.append(f"the control law cannot be compared: {error}")
         return None
+    if again:
+        (parity,) = again
+        way = parity.declared.reference_derivative
+        rows.append(("derived", way, f'is the reference: reference_derivative = "{way}"'))
     r2 = 1.0 - parity.before**2
     kind = parity.declared.kind
     where = _where(shown, record.longest)

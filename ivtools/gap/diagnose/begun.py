@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ from ..floor import (
 from ..fold import Link
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import AUDIBLE, FAINT, ROUNDING, SATURATED, TOLERANCE, Rules
+from ..rules import AUDIBLE, FAINT, SATURATED, TOLERANCE, Rules
 from .refused import refused
 
 
@@ -262,35 +262,28 @@ def _followed(task: Task) -> tuple[Task, ClosedLoop, list[Finding]]:
     return task.with_records({role: one for role, (one, _) in followed.items()}), known, note
 
 
-def _compared(task: Task, loop: ClosedLoop) -> tuple[list[Parity], list[Finding]]:
+def _compared(task: Task, loop: ClosedLoop) -> list[Parity]:
     """Return how the declared law compares with each record, at the rate of its controller."""
     given = list(task.given.values())
     rate = parity.at_rate(task.loop)
     checked = threaded(lambda one: parity.check(one, loop, False, rate), given)
     fast = [p for p in checked if p.oversampling > 1]
     if not fast:
-        return checked, []
+        return checked
     rate = min(fast, key=lambda p: p.after).oversampling  # noise hides it in the others
     pairs = zip(given, checked, strict=True)
-    same = [p if p.oversampling == rate else parity.check(r, loop, False, rate) for r, p in pairs]
-    return same, [preflight.faster(rate)]
+    return [p if p.oversampling == rate else parity.check(r, loop, False, rate) for r, p in pairs]
 
 
 def _derived(task: Task, loop: ClosedLoop) -> tuple[ClosedLoop, list[Parity], list[Finding]]:
-    """Return the loop that derives its reference as the records show, how it compares, what to say.
-
-    A reference is known whenever its controller has it: derivatives that are not logged may be made
-    of samples on both sides, or of the last ones, half a sample late.
-    """
-    compared, faster = _compared(task, loop)
-    other = parity.otherwise_derived(task.record, loop)
-    if other is None or max(p.before for p in compared) <= ROUNDING:
-        return loop, compared, faster
-    again, fast = _compared(task, other)
-    if not parity.explains_more(again, compared):
-        return loop, compared, faster
+    """Return the loop that derives its reference as records show, how it compares, what to say."""
+    compared = _compared(task, loop)
+    again = parity.otherwise_derived(task.record, loop, compared, partial(_compared, task))
+    if not again:
+        return loop, compared, []
+    other = replace(loop, controller=again[0].declared)
     before, after = (max(p.after for p in each) for each in (compared, again))
-    return other, again, [*fast, preflight.derived(other.controller, before, after)]
+    return other, again, [preflight.derived(other.controller, before, after)]
 
 
 def _as_it_acted(
@@ -301,8 +294,9 @@ def _as_it_acted(
     Joints of a robot have one log, and one controller.
     """
     loop, compared, said = _derived(task, loop)
-    faster = any(p.oversampling > 1 for p in compared)
-    if faster or task.links or loop.controller.kind == "none":
+    rate = max(p.oversampling for p in compared)
+    said += [preflight.faster(rate)] if rate > 1 else []
+    if rate > 1 or task.links or loop.controller.kind == "none":
         return task, loop, compared, said
     task, compared, put = _in_place(task, loop, compared)
     task, loop, compared, limited = _at_limit(task, loop, compared)

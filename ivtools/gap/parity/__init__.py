@@ -21,7 +21,6 @@ from .compared import (
     check,
     doubted,
     effects,
-    explains_more,
     otherwise_derived,
     relative,
 )
@@ -40,7 +39,6 @@ __all__ = [
     "check",
     "doubted",
     "effects",
-    "explains_more",
     "grid",
     "otherwise_derived",
     "relative",

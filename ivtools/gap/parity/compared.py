@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -120,21 +120,43 @@ def at_rate(loop: ClosedLoop) -> int:
     return int(loop.controller.kind == "identify")
 
 
-def otherwise_derived(record: Record, loop: ClosedLoop) -> ClosedLoop | None:
-    """Return the loop whose controller makes derivatives of its reference in the other way.
+def otherwise_derived(
+    record: Record,
+    loop: ClosedLoop,
+    compared: Sequence[Parity],
+    compare: Callable[[ClosedLoop], Sequence[Parity]],
+) -> list[Parity]:
+    """Return how a law compares that derives its reference in the other way, if that is the law's.
 
-    None if its law takes none, or the record has what it takes.
+    A reference is known whenever its controller has it: derivatives that are not logged may be made
+    of samples on both sides, or of the last ones, half a sample late. Empty where the law takes
+    none, or explains no more so.
+
+    Parameters
+    ----------
+    record : Record
+        One of those that were compared.
+    loop : ClosedLoop
+        As it is declared.
+    compared : sequence of Parity
+        How it compares.
+    compare : callable
+        Compares the same records with another loop.
     """
-    if loop.controller.kind == "none":
-        return None
+    law = loop.controller
+    if law.kind == "none" or max(p.before for p in compared) <= ROUNDING:
+        return []
+    way = next(d for d in DERIVATIVES if d != law.reference_derivative)
+    other = replace(loop, controller=replace(law, reference_derivative=way))
     part = record.liveliest(LAW_TOLD)
-    way = next(d for d in DERIVATIVES if d != loop.controller.reference_derivative)
-    other = replace(loop, controller=replace(loop.controller, reference_derivative=way))
     here, there = (Signals(part, one).fed(one.controller) for one in (loop, other))
-    return None if np.array_equal(here, there) else other
+    if np.array_equal(here, there):
+        return []
+    found = list(compare(other))
+    return found if _explain_more(found, compared) else []
 
 
-def explains_more(found: Sequence[Parity], other: Sequence[Parity]) -> bool:
+def _explain_more(found: Sequence[Parity], other: Sequence[Parity]) -> bool:
     """Whether laws explain much more of their records' commands than others.
 
     As they are declared, or with settings put right; with wrong settings a wrong one may explain
