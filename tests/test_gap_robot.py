@@ -15,6 +15,7 @@ from benchmarks import moves
 from benchmarks.withheld.robots import draw, simulated, split
 from ivtools.cli import run
 from ivtools.errors import AxisError
+from ivtools.estimators.instrumental import IDIMIV
 from ivtools.gap import fit, response
 from ivtools.gap.attribute import Supposed, attribution
 from ivtools.gap.candidate import starts
@@ -23,7 +24,7 @@ from ivtools.gap.fit import gauss_newton
 from ivtools.gap.fold import Doubt, Fold, Link, usable
 from ivtools.gap.library import Scales
 from ivtools.gap.response import Response
-from ivtools.gap.robot import alone, assumed, behind, identified, joint, links
+from ivtools.gap.robot import alone, assumed, behind, identified, joint, joints, links
 from ivtools.loop import robot_engine
 from ivtools.physics import EFFECTS
 
@@ -232,21 +233,37 @@ def test_links_that_cannot_be_simulated_are_no_end_of_the_identification(monkeyp
     assert "did not converge" in said and np.isfinite(fit.params).all()
 
 
-@pytest.mark.parametrize("factor", [-3.0, -0.5])
-def test_a_joint_of_a_fit_that_no_links_can_have_is_one_that_can_be_simulated(factor):
-    """Least squares may give a joint no inertia, where little of it shows."""
+def test_instruments_that_lead_to_links_that_cannot_be_are_not_taken(monkeypatch):
     loop = two_loop()
-    record = measured(loop, 1)
-    fit, _ = identified(record, loop)
-    heavy = [n for n in fit.params.index if n.startswith("ZZ")]
-    assert heavy
-    params = fit.params.copy()
-    params[heavy] *= factor
-    bad = SimpleNamespace(problem=fit.problem, params=params, X=fit.X)
-    for j in range(2):
-        one = alone(j, record, bad)
-        assert one.loop.start["inertia"] > 0.0
-        assert one.loop.simulate(one.record, one.loop.start).finite
+    record, fitted = measured(loop, 1), IDIMIV.fit
+
+    def wrong(self, problem):
+        fit = fitted(self, problem)
+        params = fit.params.copy()
+        params["ZZ2"] *= -1.0
+        return replace(fit, params=params)
+
+    monkeypatch.setattr(IDIMIV, "fit", wrong)
+    fit, (said,) = identified(record, loop)
+    assert "links that cannot be" in said and fit.params["ZZ2"] > 0.0
+
+
+def test_a_joint_that_was_identified_without_inertia_is_refused_by_itself(monkeypatch):
+    """Least squares may give it none, where little of it shows; the others are diagnosed."""
+    loop = two_loop()
+    record, found = measured(loop, 1), joints.identified
+
+    def light(*arguments):
+        fit, said = found(*arguments)
+        params = fit.params.copy()
+        params["ZZ2"] *= -1.0
+        return replace(fit, params=params), said
+
+    monkeypatch.setattr(joints, "identified", light)
+    gap = iv.diagnose_robot(record, loop)
+    assert gap["elbow"].shrink is None and gap["shoulder"].shrink is not None
+    assert "has no inertia" in gap["elbow"].findings[0].text
+    assert "elbow: with the parameters that were identified" in str(gap.summary())
 
 
 def test_a_link_swings_behind_its_drive():

@@ -10,5 +10,6 @@ refused     what is said where no diagnosis can begin
 from .begun import Begun, Task, begin
 from .finished import finish
 from .process import diagnose
+from .refused import refused
 
-__all__ = ["Begun", "Task", "begin", "diagnose", "finish"]
+__all__ = ["Begun", "Task", "begin", "diagnose", "finish", "refused"]

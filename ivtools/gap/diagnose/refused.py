@@ -21,7 +21,8 @@ def refused(
     """
     controller = any(not p.trustworthy for p in checked)
     limits = [] if controller else [p.limit for p in checked if p.limit is not None]
-    own = hanging(record, loop) if controller or not checked else None
+    lawless = controller or not checked
+    own = hanging(record, loop) if lawless and record.load is None else None  # else links hang
     named: dict[str, dict[str, float]] = {}
     if own is not None:
         found = [*found, Finding(own.text, fatal=False)]

@@ -16,7 +16,6 @@ from ...results import FitResults
 from ..diagnosis import Diagnosis
 from ..rules import POSES, SMALL_SWING
 from .behind import Alone, follow
-from .links import possible
 
 Array = NDArray[np.float64]
 
@@ -46,7 +45,7 @@ def alone(
     problem = fit.problem
     assert problem is not None
     loop: Any = problem.loop
-    values = possible(fit, problem.record)
+    values = loop.values({str(k): float(v) for k, v in fit.params.items()})
     motion = problem.pipeline.differentiate(record.q, record.dt)
     motion.dq[:2] = motion.ddq[:2] = 0.0  # links hang where they do at rest when a record begins
     places, ddqs, loose = motion.q.copy(), motion.ddq.copy(), []

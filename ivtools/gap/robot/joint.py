@@ -15,11 +15,12 @@ from ...record import Record
 from ...results import FitResults
 from ...workers import threaded
 from .. import response
-from ..diagnose import Begun, Task, begin, finish
+from ..diagnose import Begun, Task, begin, finish, refused
 from ..diagnosis import Diagnosis
 from ..fit import of_effect
 from ..floor import autoregression
 from ..fold import Doubt, Link
+from ..preflight import Finding
 from ..rules import ADEQUATE, SWUNG
 from .alone import alone
 from .behind import TWO_MASSES, Alone
@@ -29,6 +30,12 @@ Array = NDArray[np.float64]
 
 #: Verdicts that leave nothing to explain.
 SETTLED = ("adequate", "explained")
+
+#: Of a joint that cannot be simulated with what the robot was identified to be.
+NO_INERTIA = Finding(
+    "with the parameters that were identified this joint has no inertia: the record does not tell "
+    "the robot's links apart; record a motion that does (`ivtools excite`)"
+)
 
 
 class Loads(NamedTuple):
@@ -232,6 +239,8 @@ def _begun(
     name = fit.problem.loop.joints[j]  # type: ignore[union-attr]
     soft = {n: assumed(d) for n, d in soft.items()} if soft else None
     parts = [alone(j, one, fit, without, soft) for one in links]
+    if not parts[0].loop.start["inertia"] > 0.0:
+        return refused(parts[0].record, parts[0].loop, (), [NO_INERTIA])
     other = parts[1].record if len(parts) > 1 else None
     behind = [
         Link(part.record.t, part.link, _doubt(name, known, part))

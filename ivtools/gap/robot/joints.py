@@ -129,15 +129,30 @@ def _effects(found: Mapping[str, Diagnosis]) -> dict[str, tuple[str, ...]]:
 def identified(
     record: Record, loop: RobotLoop, pipeline: Any = None
 ) -> tuple[FitResults, tuple[str, ...]]:
-    """Return the robot's parameters by instruments, or by least squares if that fails."""
+    """Return the robot's parameters by instruments, or by least squares if that fails.
+
+    It does where they do not converge, or to links that cannot be.
+    """
     problem = Problem(record, loop, pipeline)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         fit = IDIMIV().fit(problem)
-        if fit.converged:
+        if fit.converged and _can_be(fit, record):
             return fit, ()
-        said = "the instruments did not converge: the links are those of weighted least squares"
+        what = "lead to links that cannot be" if fit.converged else "did not converge"
+        said = f"the instruments {what}: the links are those of weighted least squares"
         return IDIMWLS().fit(problem), (said,)
+
+
+def _can_be(fit: FitResults, record: Record) -> bool:
+    """Whether the links of a fit have a mass wherever a record has them."""
+    assert fit.problem is not None
+    loop: Any = fit.problem.loop
+    try:
+        loop.felt_inertias(record, {str(k): float(v) for k, v in fit.params.items()})
+    except AxisError:
+        return False
+    return True
 
 
 def with_effects(loop: RobotLoop, named: Mapping[str, Diagnosis]) -> RobotLoop:
