@@ -108,6 +108,17 @@ def test_a_limit_that_nobody_declared_holds_the_integrator_as_well(kind):
     assert shown.limit == pytest.approx(limit) and shown.trustworthy and not shown.mismatch
 
 
+def misstated(kind):
+    """Yield loops with a wrong setting, and records of the right one with noise of the command."""
+    for seed in range(3, 9):
+        loop, record = played(kind, seed=seed)
+        rng = np.random.default_rng(seed)
+        name, size = str(rng.choice(loop.controller.mismatches)), rng.uniform(0.02, 0.2)
+        wrong = replace(loop, controller=loop.controller.with_mismatch(**{name: size}))
+        noise = 0.002 * np.std(record.nu) * rng.standard_normal(record.nu.shape)
+        yield wrong, record.replace(nu=record.nu + noise)
+
+
 def elsewhere(record, samples):
     """Return a record whose log has the reference that many samples early; late if negative."""
     k = np.clip(np.arange(record.n_samples) + samples, 0, record.n_samples - 1)
@@ -159,13 +170,7 @@ def test_a_reference_that_the_controller_derives_backward_is_no_wrong_controller
 @pytest.mark.parametrize("kind", DERIVES)
 def test_noise_and_wrong_gains_are_no_matter_of_how_a_reference_is_derived(kind):
     """Of what the law does as it is declared, or with other gains, either says how."""
-    for seed in range(3, 9):
-        loop, record = played(kind, seed=seed)
-        rng = np.random.default_rng(seed)
-        name, size = str(rng.choice(loop.controller.mismatches)), rng.uniform(0.02, 0.2)
-        wrong = replace(loop, controller=loop.controller.with_mismatch(**{name: size}))
-        noise = 0.002 * np.std(record.nu) * rng.standard_normal(record.nu.shape)
-        logged = record.replace(nu=record.nu + noise)
+    for wrong, logged in misstated(kind):
 
         def compared(one, logged=logged):
             return [parity.check(logged, one, read=False)]
@@ -175,13 +180,7 @@ def test_noise_and_wrong_gains_are_no_matter_of_how_a_reference_is_derived(kind)
 
 @pytest.mark.parametrize("kind", populations.KINDS)
 def test_wrong_gains_are_no_matter_of_where_the_reference_is_logged(kind):
-    for seed in range(3, 9):
-        loop, record = played(kind, seed=seed)
-        rng = np.random.default_rng(seed)
-        name, size = str(rng.choice(loop.controller.mismatches)), rng.uniform(0.02, 0.2)
-        wrong = replace(loop, controller=loop.controller.with_mismatch(**{name: size}))
-        noise = 0.002 * np.std(record.nu) * rng.standard_normal(record.nu.shape)
-        logged = record.replace(nu=record.nu + noise)
+    for wrong, logged in misstated(kind):
         assert not preflight.misplaced(logged, wrong, parity.check(logged, wrong, read=False))
 
 

@@ -21,8 +21,8 @@ block t value         t value of a sum over blocks of `BLOCK` seconds, which cou
 smooth law            a penalised spline over the state of the axis or its past
 force without a name  the smooth law that predicts held-out data best
 line                  a force that is periodic over position
-rival                 another effect of a round; one that cannot be told from the best (`CLEAN`), or
-                      one that can (`RIVAL`, "rival" in `WEIGHTS`)
+twin                  another effect of a round that cannot be told from the best one
+rival                 another effect of a round that can (`RIVAL`, "rival" in `WEIGHTS`)
 most                  more than half (`MOST`)
 to stand              of an effect: to be as large beside a force without a name as by itself
 x, of y               x as a share of y ("speed, of the largest": speed over the largest speed)
@@ -475,8 +475,8 @@ ADEQUATE_NAMED = 1.15
 #: 0.0052, one of them named for the other with a t value of 4; two laws of the speed by 0.012 to
 #: 0.019, of twelve pairs the better one right).
 TWIN = 0.01
-#: Whitened energy below which nothing unknown is left that could favour one rival over another. A
-#: t value decides between rivals below it only (training). From it on what is left is described, if
+#: Whitened energy below which nothing unknown is left that could favour one twin over another. A
+#: t value decides between twins below it only (training). From it on what is left is described, if
 #: it repeats (what is half the floor, 1.25, must be).
 CLEAN = 1.05
 #: Whitened energy that names leave, over that which smooth laws of the base model's motion leave,
@@ -694,8 +694,9 @@ CONFIDENCE = 0.95
 LEAST_BLOCKS = 10
 #: All names fall together if they do not lower the force error by this share of it (judgement: of
 #: two false names, on a healthy arm and a healthy axis with encoder noise, the larger lowered it by
-#: 0.0005). Where one was decided at the controller, any fall is enough; a limit counts as such, and
-#: its settings are put right, if that lowers the error by this share.
+#: 0.0005). Where one was decided at the controller, any fall is enough, and a limit counts as such
+#: if it lowers the error by this share. Settings of a controller are put right if that removes more
+#: than twice this share of the energy of the noise.
 FAINT = 0.005
 #: Whitened energy that all names remove together, above which any fall is enough: fast noise is
 #: most of the force error, and the effect stands out of it (judgement: of those two the larger

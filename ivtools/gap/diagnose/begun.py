@@ -356,8 +356,7 @@ def _on_time(
     for samples in sorted({one.samples for one in late if one}):
         moved = {k: one for k, one in enumerate(late) if one and one.samples == samples}
         acted = [(one.record, one.checked) for one in moved.values()]
-        found = threaded(lambda one, p: preflight.inspect(one, loop, p), *zip(*acted, strict=True))
-        if any(f.fatal for each in found for f in each):
+        if any(f.fatal for one, p in acted for f in preflight.inspect(one, loop, p)):
             continue
         logged = [(given[k], checked[k]) for k in moved]
         with suppress(IVToolsError):  # which the diagnosis will say

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import IVToolsError
 from ...loop import ClosedLoop, Controller
-from ...loop.controllers import ANTI_WINDUP, DERIVATIVES
+from ...loop.controllers import ANTI_WINDUP, other_derivative
 from ...loop.identification import ControllerFit, least
 from ...record import Record
 from ..between import interpolated
@@ -146,7 +146,7 @@ def otherwise_derived(
     law = loop.controller
     if law.kind == "none" or max(p.before for p in compared) <= ROUNDING:
         return []
-    way = next(d for d in DERIVATIVES if d != law.reference_derivative)
+    way = other_derivative(law.reference_derivative)
     other = replace(loop, controller=replace(law, reference_derivative=way))
     part = record.liveliest(LAW_TOLD)
     here, there = (Signals(part, one).fed(one.controller) for one in (loop, other))

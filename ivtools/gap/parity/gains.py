@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ...linalg import block_covariance
 from ...loop import Controller
-from ...workers import threaded
 from ..rules import (
     ADDED_LEAST,
     DELAY_TOLD,
@@ -34,14 +33,14 @@ def best_delay(
     signals: Signals, controller: Controller, free: NDArray[np.bool_]
 ) -> tuple[dict[str, float], int]:
     """Return the mismatch that is worth a name, at the delay that explains most, and that."""
-    delays = range(MAX_DELAY + 1)
-    fits = threaded(lambda delay: _Gains(signals, controller, delay, free), delays)
+    fits = {delay: _Gains(signals, controller, delay, free) for delay in range(MAX_DELAY + 1)}
     for _ in range(GAIN_STEPS):
-        threaded(_Gains.step, fits)
-        least = min(fit.cost for fit in fits)
-        fits = [fit for fit in fits if fit.cost <= DELAY_TOLD * least]
-    best = min(fits, key=lambda fit: fit.cost)
-    return _material(signals, controller, best), best.delay
+        for fit in fits.values():
+            fit.step()
+        least = min(fit.cost for fit in fits.values())
+        fits = {delay: fit for delay, fit in fits.items() if fit.cost <= DELAY_TOLD * least}
+    delay = min(fits, key=lambda k: fits[k].cost)
+    return _material(signals, controller, fits[delay]), delay
 
 
 class _Gains:

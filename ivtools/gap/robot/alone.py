@@ -45,7 +45,7 @@ def alone(
     problem = fit.problem
     assert problem is not None
     loop: Any = problem.loop
-    values = loop.values({str(k): float(v) for k, v in fit.params.items()})
+    values = loop.values(fit.params)
     motion = problem.pipeline.differentiate(record.q, record.dt)
     motion.dq[:2] = motion.ddq[:2] = 0.0  # links hang where they do at rest when a record begins
     places, ddqs, loose = motion.q.copy(), motion.ddq.copy(), []

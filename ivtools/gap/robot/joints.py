@@ -24,7 +24,7 @@ from .diagnosis import Coupled, RobotDiagnosis
 from .joint import Joint, Loads, assumed, other_way_round, swings
 from .links import possible
 
-_OF_LINKS = ("gravity",)
+_OF_LINKS = ("gravity",)  # effects that the links of a robot have among their parameters
 
 
 @one_blas_thread()
@@ -75,7 +75,7 @@ def diagnose_robot(
     say = progress or (lambda _: None)
     numbers = [loop.robot.joint(name) for name in (joints or loop.joints)]
     loop = loop.known(record)
-    if any(loop.robot.gravity):  # what links weigh is among the robot's parameters
+    if any(loop.robot.gravity):
         settings["without"] = (*settings.get("without", ()), *_OF_LINKS)
     say("identifying the robot")
     plain, notes = identified(record, loop)
@@ -149,7 +149,7 @@ def _can_be(fit: FitResults, record: Record) -> bool:
     assert fit.problem is not None
     loop: Any = fit.problem.loop
     try:
-        loop.felt_inertias(record, {str(k): float(v) for k, v in fit.params.items()})
+        loop.felt_inertias(record, fit.params)
     except AxisError:
         return False
     return True

@@ -69,7 +69,8 @@ class Links(NamedTuple):
         size = np.linalg.norm(A[:, links], axis=0)
         share = np.linalg.norm(rest, axis=0) / np.maximum(size, 1e-300)
         felt = share > OWN
-        if not {f"{joint}.inertia", f"{joint}.inertiaR"} & {*self.names} and felt.any():
+        drive = any(self.names[k].startswith(f"{joint}.inertia") for k in own)  # grouped or not
+        if not drive and felt.any():
             share[~felt] = np.inf
             felt[np.argmin(share)] = False  # with it the inertia of the drive is regrouped
         kept, free = links[felt], np.setdiff1d(number, links[felt])
@@ -93,8 +94,7 @@ def possible(fit: FitResults, record: Record) -> dict[str, float]:
     """
     assert fit.problem is not None
     loop: Any = fit.problem.loop
-    values = loop.values({str(k): float(v) for k, v in fit.params.items()})
-    return dict(loop.possible(values, record, lambda: fit.X))
+    return dict(loop.possible(loop.values(fit.params), record, lambda: fit.X))
 
 
 def measure(fit: FitResults, record: Record, before: Links | None = None) -> Links | None:

@@ -3,12 +3,11 @@
 from .controller import ANTI_WINDUP, Controller
 from .kinds import KINDS, Kind
 from .law import INPUTS, LinearLaw
-from .seen import DERIVATIVES, Seen
+from .seen import Seen, other_derivative
 from .velocity import backward_difference
 
 __all__ = [
     "ANTI_WINDUP",
-    "DERIVATIVES",
     "INPUTS",
     "KINDS",
     "Controller",
@@ -16,4 +15,5 @@ __all__ = [
     "LinearLaw",
     "Seen",
     "backward_difference",
+    "other_derivative",
 ]

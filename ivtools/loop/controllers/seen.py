@@ -144,6 +144,11 @@ def references(record: Record, controller: Controller) -> tuple[Array, Array]:
     return q_ref, speed_reference(record, controller.reference_derivative)
 
 
+def other_derivative(way: str) -> str:
+    """Return the other one of `DERIVATIVES`."""
+    return DERIVATIVES[1 - DERIVATIVES.index(way)]
+
+
 def derivative(reference: Array, dt: float, way: str) -> Array:
     """Return the derivative of a reference, (n_samples,): one of `DERIVATIVES`."""
     if way == "central":

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import RecordError
 from ...linalg.noise import NoiseModel
 from ...record import Record
-from ..controllers import DERIVATIVES, Controller
+from ..controllers import Controller, other_derivative
 from . import linear
 from .data import Data
 from .forms import LEAST, Form, Regressions, plausible, price
@@ -111,11 +111,6 @@ def _simple(loop: ClosedLoop, record: Record, ways: Sequence[bool], derivative: 
     return _Laws(*_cheapest(loop, laws, seen), laws, seen, tried)
 
 
-def _other_way(found: _Laws) -> str:
-    """Return the other way in which a controller may derive its reference."""
-    return next(way for way in DERIVATIVES if way != found.data.derivative)
-
-
 def _better(found: _Laws, other: _Laws, most: float) -> _Laws:
     """Return other laws where they leave less than that."""
     return other if other.left < most else found
@@ -138,7 +133,7 @@ def _search(loop: ClosedLoop, record: Record) -> Searched:
         ways = [True]
     found = _simple(loop, record, ways, loop.controller.reference_derivative)
     if found.best is not None and found.left > _PERFECT:
-        other = _simple(loop, record, ways, _other_way(found))
+        other = _simple(loop, record, ways, other_derivative(found.data.derivative))
         found = _better(found, other, _WORTH * found.left)
     noisy = found.left > _NOISY and not just_logged(found.seen[0])
     if found.best is not None and noisy:
@@ -148,7 +143,9 @@ def _search(loop: ClosedLoop, record: Record) -> Searched:
     if found.best is not None and found.left > _FILTERED:
         found = _behind_filters(loop, found)
     if found.best is not None and found.left > _PERFECT and just_logged(found.data):
-        other = _behind_filters(loop, _simple(loop, record, ways, _other_way(found)))
+        other = _behind_filters(
+            loop, _simple(loop, record, ways, other_derivative(found.data.derivative))
+        )
         found = _better(found, other, _WORTH * found.left)
     best, data, *_, tried = found
     if best is not None and best.left > _FILTERED and just_logged(data):
