@@ -16,7 +16,7 @@ from ivtools.gap.attribute import attribute, kept, selection
 from ivtools.gap.candidate import deeper, frozen, starts
 from ivtools.gap.diagnose import Task as Asked
 from ivtools.gap.diagnose import begin
-from ivtools.gap.fit import _bounded, gauss_newton
+from ivtools.gap.fit import Simulated, gauss_newton
 from ivtools.gap.floor import Floor, folds, measure, prepared
 from ivtools.gap.floor.events import events, lasting
 from ivtools.gap.floor.floor import _refit
@@ -618,12 +618,8 @@ def test_the_steps_of_an_encoder_are_as_small_as_its_period_asks(seed):
     full = m.base.loop.with_effect("encoder-eccentricity", **wave)
     values, names = full.values(m.base.values), ["encoder-eccentricity." + n for n in wave]
     step = fit.steps(m.fold, full)
-    motion = m.fold.simulate(full, values)
-    e = m.fold.judged(full, motion)
-    wide, narrow = (
-        fit.jacobian(m.fold, full, values, names, {n: k * step[n] for n in names}, motion, e)
-        for k in (1.0, 0.1)
-    )
+    at = Simulated.at(m.fold, full, values)
+    wide, narrow = (at.jacobian(names, {n: k * step[n] for n in names}) for k in (1.0, 0.1))
     assert np.all(np.linalg.norm(wide - narrow, axis=0) < 0.1 * np.linalg.norm(narrow, axis=0))
 
 
@@ -822,5 +818,6 @@ def test_a_step_that_is_absurd_is_shortened_and_no_error():
     """Two effects that make up for each other have a step without end."""
     loop = iv.axes.emps().with_effect("stribeck")
     fold = SimpleNamespace(record=SimpleNamespace(dt=1e-3))
+    at = Simulated(fold, loop, {"stribeck.force": 1.0}, run=None, e=np.zeros(0))
     for change in (1e72, -1e72):
-        assert abs(_bounded(fold, loop, "stribeck.force", 1.0, change)) <= LARGEST
+        assert abs(at.moved("stribeck.force", change)) <= LARGEST

@@ -17,7 +17,7 @@ from ..units import percent
 from ..workers import threaded
 from . import response as responses
 from .attribute import Attribution
-from .fit import Fit, jacobian, steps
+from .fit import Fit, Simulated, steps
 from .floor import Measured
 from .fold import usable
 from .library import Scales
@@ -158,11 +158,9 @@ def _signature(fit: Fit, name: str, record: Record) -> tuple[Array, Array]:
         scales=Scales(record, plain),
         response=response,
     )
-    simulation = fold.simulate(plain, values)
-    e = fold.judged(plain, simulation)
+    base = Simulated.at(fold, plain, values)
     free = [n for n in plain.names if "." not in n]
-    J = jacobian(fold, plain, values, free, steps(fold, plain), simulation, e)
-    return e - fold.error(loop, fit.values), J
+    return base.e - fold.error(loop, fit.values), base.jacobian(free, steps(fold, plain))
 
 
 def motions(result: Attribution) -> list[str]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..limits import LARGEST
 from ..linalg import as_columns, block_covariance, independent, orthonormal
 from ..loop import ClosedLoop, Simulation
-from ..physics import Parameter, Term
+from ..physics import Term
 from ..problem import Problem
 from ..record import Record
 from ..workers import threaded
@@ -72,6 +72,11 @@ class Fit:
     def simulation(self) -> Simulation:
         """The loop at these values."""
         return self.fold.simulate(self.loop, self.values)
+
+    @property
+    def simulated(self) -> Simulated:
+        """Where the descent ended."""
+        return Simulated(self.fold, self.loop, self.values, self.simulation, self.e)
 
     @cached_property
     def basis(self) -> Array:
@@ -206,46 +211,123 @@ def steps(fold: Fold, loop: ClosedLoop, narrow: Collection[str] = ()) -> dict[st
     return out
 
 
-def jacobian(
-    fold: Fold,
-    loop: ClosedLoop,
-    values: Mapping[str, float],
-    free: Sequence[str],
-    step: Mapping[str, float],
-    simulation: Simulation,
-    e: Array,
-    near: Fit | None = None,
-) -> Array:
-    """Return the derivative of the whitened error, (n_kept, n_free).
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """A model that is simulated on a fold: where a descent stands.
 
-    A parameter of a force law acts through its force along the simulated trajectory and the
-    loop's linear response; one that changes the structure is simulated once more, and so is every
-    one where a robot's link is behind a second mass: the response is that of a rigid joint. What
-    a fit `near` by knows is taken from there.
+    Parameters
+    ----------
+    fold : Fold
+    loop : ClosedLoop
+    values : mapping
+        Value of every parameter.
+    run : Simulation
+    e : ndarray, (n_kept,)
+        Whitened error.
     """
-    rigid = fold.link is None or not any(t.search == "valleys" for t in loop.terms)
-    owner = {n: t for t in loop.terms for n in t.names}
-    forces, J = {}, np.empty((len(e), len(free)))
-    known = () if near is None else near.free
-    for column, name in enumerate(free):
-        term = owner[name]
-        if near is not None and name in known:
-            J[:, column] = near.J[:, known.index(name)]
-        elif rigid and term.law is not None:
-            forces[column] = _law_change(term, name, values, step[name], simulation)
 
-    def simulated(name: str) -> Array:
-        """Return the derivative by one parameter, from one more simulation."""
-        at_top = values[name] + step[name] > _upper(fold, loop.parameters[name])
-        change = -step[name] if at_top else step[name]
-        return (fold.error(loop, {**values, name: values[name] + change}) - e) / change
+    fold: Fold
+    loop: ClosedLoop
+    values: dict[str, float]
+    run: Simulation
+    e: Array
 
-    others = [k for k, name in enumerate(free) if k not in forces and name not in known]
-    for column, slope in zip(others, threaded(simulated, [free[k] for k in others]), strict=True):
-        J[:, column] = slope
-    if forces:
-        J[:, list(forces)] = fold.answers(as_columns(forces.values()))
-    return J
+    @classmethod
+    def at(cls, fold: Fold, loop: ClosedLoop, values: dict[str, float]) -> Simulated:
+        """Return a loop simulated at these values."""
+        run = fold.simulate(loop, values)
+        return cls(fold, loop, values, run, fold.judged(loop, run))
+
+    @property
+    def energy(self) -> float:
+        """Sum of squares of the whitened error."""
+        return float(self.e @ self.e)
+
+    def jacobian(
+        self, free: Sequence[str], step: Mapping[str, float], near: Fit | None = None
+    ) -> Array:
+        """Return the derivative of the whitened error, (n_kept, n_free).
+
+        A parameter of a force law acts through its force along the simulated trajectory and the
+        loop's linear response; one that changes the structure is simulated once more, and so is
+        every one where a robot's link is behind a second mass: the response is that of a rigid
+        joint. What a fit `near` by knows is taken from there.
+        """
+        fold, loop = self.fold, self.loop
+        rigid = fold.link is None or not any(t.search == "valleys" for t in loop.terms)
+        owner = {n: t for t in loop.terms for n in t.names}
+        forces, J = {}, np.empty((len(self.e), len(free)))
+        known = () if near is None else near.free
+        for column, name in enumerate(free):
+            term = owner[name]
+            if near is not None and name in known:
+                J[:, column] = near.J[:, known.index(name)]
+            elif rigid and term.law is not None:
+                forces[column] = _law_change(term, name, self.values, step[name], self.run)
+
+        def simulated(name: str) -> Array:
+            """Return the derivative by one parameter, from one more simulation."""
+            at_top = self.values[name] + step[name] > self._upper(name)
+            change = -step[name] if at_top else step[name]
+            moved = {**self.values, name: self.values[name] + change}
+            return (fold.error(loop, moved) - self.e) / change
+
+        others = [k for k, name in enumerate(free) if k not in forces and name not in known]
+        slopes = threaded(simulated, [free[k] for k in others])
+        for column, slope in zip(others, slopes, strict=True):
+            J[:, column] = slope
+        if forces:
+            J[:, list(forces)] = fold.answers(as_columns(forces.values()))
+        return J
+
+    def move(self, free: Sequence[str], J: Array, units: Array) -> Array:
+        """Return the Gauss-Newton step, (n_free,), in which none leaves a bound that it is at.
+
+        The others are solved for without it: cut off afterwards, its part of the step would leave
+        them with what it should have balanced.
+
+        J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, section 16.7.
+        """
+        low = np.array([self.loop.parameters[n].lower for n in free])
+        high = np.array([self._upper(n) for n in free])
+        at = np.array([self.values[n] for n in free])
+        inside, move = np.ones(len(free), dtype=bool), np.zeros(len(free))
+        for _ in free:
+            move[:] = 0.0
+            some = units[inside]  # damped in directions that the record does not show
+            move[inside] = -some * normal(J[:, inside] * some, self.e)
+            leaves = inside & (((at <= low) & (move < 0.0)) | ((at >= high) & (move > 0.0)))
+            if not leaves.any():
+                break
+            inside &= ~leaves
+        return move
+
+    def lower(self, free: Sequence[str], move: Array) -> Simulated | None:
+        """Return where a step, shortened until the error falls, leads to; None if it never does."""
+        for factor in SHORTER:
+            values = {**self.values}
+            for name, change in zip(free, move, strict=True):
+                values[name] = self.moved(name, factor * change)
+            then = Simulated.at(self.fold, self.loop, heavy_enough(self.fold, self.loop, values))
+            if then.energy < self.energy:
+                return then
+            if factor == 1.0 and then.energy < (1.0 + CONVERGED) * self.energy:
+                break
+        return None
+
+    def moved(self, name: str, change: float) -> float:
+        """Return a parameter moved within its bounds; one that must be positive by a factor."""
+        p, value = self.loop.parameters[name], self.values[name]
+        new = value + change
+        if name == "inertia" or (not p.linear and p.lower >= 0.0 and value > 0.0):
+            new = float(np.clip(new, value / REACH, value * REACH))
+        largest = min(self._upper(name), LARGEST)  # an absurd step diverges, and is shortened
+        return float(np.clip(new, max(p.lower, -LARGEST), largest))
+
+    def _upper(self, name: str) -> float:
+        """Return the largest value of a parameter: what is stiffer is not told from it."""
+        p = self.loop.parameters[name]
+        return min(p.upper, STIFF * p.rigid / self.fold.record.dt)
 
 
 def _law_change(
@@ -307,60 +389,25 @@ def gauss_newton(
     -------
     Fit
     """
-    values, free = heavy_enough(fold, loop, dict(values)), tuple(free)
-    simulation = fold.simulate(loop, values)
-    e = fold.judged(loop, simulation)
-    if not simulation.finite:  # nothing to descend on: its cost says so
-        return Fit(fold, loop, values, free, e, np.zeros((len(e), len(free))))
+    free = tuple(free)
+    at = Simulated.at(fold, loop, heavy_enough(fold, loop, dict(values)))
+    J = np.zeros((len(at.e), len(free)))
+    if not at.run.finite:  # nothing to descend on: its cost says so
+        return Fit(fold, loop, at.values, free, at.e, J)
     step = steps(fold, loop, narrow)
-    J = jacobian(fold, loop, values, free, step, simulation, e, near)
+    units = np.array([step[n] for n in free])
+    J = at.jacobian(free, step, near)
     for _ in range(iterations):
-        move = _move(fold, loop, values, free, J, e, np.array([step[n] for n in free]))
-        trial, simulation, e_new = _search(fold, loop, values, free, move, e, simulation)
-        gain = 1.0 - (e_new @ e_new) / (e @ e)
-        if trial is None or gain <= 0.0:
+        then = at.lower(free, at.move(free, J, units))
+        if then is None:
             break
-        values, e = trial, e_new
+        gain = 1.0 - then.energy / at.energy
+        at = then
         if gain < CONVERGED:
             break
         if gain > KEEP_JACOBIAN:
-            J = jacobian(fold, loop, values, free, step, simulation, e)
-    return Fit(fold, loop, values, free, e, J)
-
-
-def _move(
-    fold: Fold,
-    loop: ClosedLoop,
-    values: Mapping[str, float],
-    free: Sequence[str],
-    J: Array,
-    e: Array,
-    units: Array,
-) -> Array:
-    """Return the Gauss-Newton step, (n_free,), in which a parameter at a bound does not leave it.
-
-    The others are solved for without it: cut off afterwards, its part of the step would leave them
-    with what it should have balanced.
-
-    J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, section 16.7.
-    """
-    low = np.array([loop.parameters[n].lower for n in free])
-    high = np.array([_upper(fold, loop.parameters[n]) for n in free])
-    at = np.array([values[n] for n in free])
-    inside, move = np.ones(len(free), dtype=bool), np.zeros(len(free))
-    for _ in free:
-        move[:] = 0.0
-        move[inside] = _solve(J[:, inside], e, units[inside])
-        leaves = inside & (((at <= low) & (move < 0.0)) | ((at >= high) & (move > 0.0)))
-        if not leaves.any():
-            break
-        inside &= ~leaves
-    return move
-
-
-def _solve(J: Array, e: Array, units: Array) -> Array:
-    """Return the Gauss-Newton step, damped in directions that the record does not show."""
-    return -units * normal(J * units, e)
+            J = at.jacobian(free, step)
+    return Fit(fold, loop, at.values, free, at.e, J)
 
 
 def normal(A: Array, b: Array) -> Array:
@@ -376,44 +423,6 @@ def normal(A: Array, b: Array) -> Array:
         return np.zeros((A.shape[1], *b.shape[1:]))
     alone = independent(A, DEPENDENT)
     return alone @ (alone.T @ (A.T @ b))
-
-
-def _search(
-    fold: Fold,
-    loop: ClosedLoop,
-    values: dict[str, float],
-    free: Sequence[str],
-    move: Array,
-    e: Array,
-    simulation: Simulation,
-) -> tuple[dict[str, float] | None, Simulation, Array]:
-    """Shorten the step until the cost falls."""
-    for factor in SHORTER:
-        trial = {**values}
-        for name, change in zip(free, move, strict=True):
-            trial[name] = _bounded(fold, loop, name, values[name], factor * change)
-        trial = heavy_enough(fold, loop, trial)
-        found = fold.simulate(loop, trial)
-        e_new = fold.judged(loop, found)
-        if e_new @ e_new < e @ e:
-            return trial, found, e_new
-        if factor == 1.0 and e_new @ e_new < (1.0 + CONVERGED) * (e @ e):
-            break
-    return None, simulation, e
-
-
-def _upper(fold: Fold, p: Parameter) -> float:
-    """Return the largest value of a parameter: what is stiffer is not told from it."""
-    return min(p.upper, STIFF * p.rigid / fold.record.dt)
-
-
-def _bounded(fold: Fold, loop: ClosedLoop, name: str, value: float, change: float) -> float:
-    """Move a parameter within its bounds; one that must be positive moves by a factor at most."""
-    p, new = loop.parameters[name], value + change
-    if name == "inertia" or (not p.linear and p.lower >= 0.0 and value > 0.0):
-        new = float(np.clip(new, value / REACH, value * REACH))
-    largest = min(_upper(fold, p), LARGEST)  # a step that is absurd diverges, and is shortened
-    return float(np.clip(new, max(p.lower, -LARGEST), largest))
 
 
 def heavy_enough(fold: Fold, loop: ClosedLoop, values: dict[str, float]) -> dict[str, float]:

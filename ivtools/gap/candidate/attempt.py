@@ -9,7 +9,7 @@ import numpy as np
 from ...loop import ClosedLoop
 from ...physics import Term
 from ...workers import threaded
-from ..fit import Fit, common, gauss_newton, jacobian, steps
+from ..fit import Fit, common, gauss_newton, steps
 from ..fold import Fold
 from ..rules import GOES_ON, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
 from ..screen import Score
@@ -151,8 +151,7 @@ def gone_on(held: Fit) -> Fit:
         known = [n for n in term.linear if held.values[n] and n not in held.free]
         if not (term.of_time and known and held.simulation.finite):
             continue
-        step = steps(held.fold, held.loop)
-        J = jacobian(held.fold, held.loop, held.values, known, step, held.simulation, held.e)
+        J = held.simulated.jacobian(known, steps(held.fold, held.loop))
         change = held.beyond_base(J @ [held.values[n] for n in known])
         size = 1.0 - float(change @ held.e) / max(float(change @ change), 1e-300)
         size = float(np.clip(size, 1.0 / GOES_ON, GOES_ON))

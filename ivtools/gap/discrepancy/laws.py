@@ -337,15 +337,6 @@ def _ratio(columns: Array, e: Array) -> float:
     return float(np.clip(one @ two / max(float(one @ one), 1e-300), 0.0, 1.0))
 
 
-class _Step(NamedTuple):
-    """What a spline over some signals does to each fold when the other one has fitted it."""
-
-    gain: float
-    over: tuple[str, ...]
-    answers: list[Array]
-    penalty: float = 0.0
-
-
 class _Tried(NamedTuple):
     """Coefficients of a spline on each fold, and the share of energy it removes on the other."""
 
@@ -381,93 +372,92 @@ class _Search:
 
     def best(self) -> Spline:
         """Return the spline that predicts the other fold best."""
-        now = _Step(0.0, (), [np.zeros(len(e)) for e in self.rests])
-        steps = []
+        now, steps = Spline((), 0.0, tuple(self.rests)), []
         while then := next((s for s in self.ahead(now) if self._tells(now, s)), None):
             steps.append(now := then)
         first = steps[0].gain / steps[-1].gain if steps else 1.0
-        return replace(self.spline(now), first=first)
+        return replace(now, first=first)
 
     def of_use(self) -> Spline:
         """Return the best of splines over how much the axis moved before."""
         several = [*[(n,) for n in OF_USE], OF_USE]
-        return self.spline(self._step(max(map(self._best, several), key=lambda x: x.gain)))
+        return self._spline(max(map(self._best, several), key=lambda x: x.gain))
 
-    def _tells(self, now: _Step, then: _Step) -> bool:
-        """Whether a step predicts held-out data significantly better."""
-        before, after = (self._left(step) for step in (now, then))
-        return better_t(self.folds, before, after) >= least_t(then.gain - now.gain)
+    def _tells(self, now: Spline, then: Spline) -> bool:
+        """Whether a further signal predicts held-out data significantly better."""
+        return better_t(self.folds, now.left, then.left) >= least_t(then.gain - now.gain)
 
-    def _left(self, step: _Step) -> tuple[Array, ...]:
-        """Return the whitened error that a step leaves on each fold, (n_kept,)."""
-        return tuple(e + a for e, a in zip(self.rests, step.answers, strict=True))
-
-    def ahead(self, now: _Step) -> Iterator[_Step]:
+    def ahead(self, now: Spline) -> Iterator[Spline]:
         """Yield the splines over one more signal that gain something, the best one first."""
         tried = [self._best((*now.over, n)) for n in self.place if n not in now.over]
         for found in sorted(tried, key=lambda x: -x.gain):
             if found.gain <= now.gain:
                 return
-            yield self._step(found)
+            yield self._spline(found)
 
-    def spline(self, step: _Step) -> Spline:
-        """Return what a step leaves."""
-        rest, even = partial(self.rest, step), partial(self.even, step)
-        force, other = partial(self.force, step), partial(self.from_other, step)
+    def _spline(self, tried: _Tried) -> Spline:
+        """Return what the spline of either fold leaves on the other one."""
         return Spline(
-            step.over, step.gain, self._left(step), force, other, rest, even, self.periods
+            tried.over,
+            tried.gain,
+            tuple(self._left(tried, self.rests, tried.betas[::-1])),
+            force=partial(self.force, tried),
+            from_other=partial(self.from_other, tried),
+            rest=partial(self.rest, tried),
+            even=partial(self.even, tried),
+            periods=self.periods,
         )
 
-    def rest(self, step: _Step, errors: Sequence[Array]) -> Sequence[Array]:
-        """Return what a spline over the signals of a step leaves of errors on each fold, (n_kept,).
+    def rest(self, tried: _Tried, errors: Sequence[Array]) -> list[Array]:
+        """Return what such a spline leaves of errors on each fold, (n_kept,), fitted to each."""
+        sides = [c.side(e) for c, e in zip(self.seen, errors, strict=True)]
+        return self._left(tried, errors, [self._fitted(tried, [k], sides) for k in (0, 1)])
 
-        Its penalty is that of the step, and it is fitted to each of them itself.
-        """
-        if not step.over:
-            return errors
-        rows, R = self._rows(step.over), self._penalty(step.over, step.penalty)
-        found = []
-        for e, columns, square in zip(errors, self.seen, self.squares, strict=True):
-            beta = np.zeros(len(square))
-            beta[rows] = _solved(square[np.ix_(rows, rows)] + R, columns.side(e)[rows])
-            found.append(e - columns.times(beta))
-        return found
+    def _left(self, tried: _Tried, errors: Sequence[Array], betas: Sequence[Array]) -> list[Array]:
+        """Return what coefficients leave of errors on each fold, (n_kept,)."""
+        whole = self._whole(tried, betas)
+        return [e + c.times(b) for e, c, b in zip(errors, self.seen, whole, strict=True)]
 
-    def force(self, step: _Step) -> tuple[Array, ...]:
+    def force(self, tried: _Tried) -> tuple[Array, ...]:
         """Return what fits both folds at once, on each, N or N m, (n_samples,)."""
-        return self._forces([self._beta(step)] * len(self.forces))
+        return self._forces(tried, [self._both(tried)] * len(self.forces))
 
-    def from_other(self, step: _Step) -> tuple[Array, ...]:
+    def from_other(self, tried: _Tried) -> tuple[Array, ...]:
         """Return what fits either fold, on the other one, N or N m, (n_samples,)."""
-        betas = [self._beta(step, [k]) for k in range(len(self.forces))]
-        return self._forces(betas[::-1])
+        return self._forces(tried, tried.betas[::-1])
 
-    def _forces(self, betas: Sequence[Array]) -> tuple[Array, ...]:
+    def _forces(self, tried: _Tried, betas: Sequence[Array]) -> tuple[Array, ...]:
         """Return the forces of coefficients on each fold, N or N m, (n_samples,)."""
         return tuple(
             shared @ beta[: shared.shape[1]] + own @ beta[shared.shape[1] :]
-            for (shared, own), beta in zip(self.forces, betas, strict=True)
+            for (shared, own), beta in zip(self.forces, self._whole(tried, betas), strict=True)
         )
 
-    def even(self, step: _Step) -> float:
+    def even(self, tried: _Tried) -> float:
         """Return how much of it is the same forwards and backwards, of its variance at knots.
 
         Its columns are those of `Basis.over`: hats, and the same with the sign of the motion.
         """
-        size, sign = np.split(self._beta(step)[self._rows(step.over[:1])], 2)
+        size, sign = np.split(self._both(tried)[: len(self._rows(tried.over[:1]))], 2)
         one, two = float(np.var(size)), float(np.var(sign))
         return one / max(one + two, 1e-300)
 
-    def _beta(self, step: _Step, folds: Sequence[int] = (0, 1)) -> Array:
-        """Return the coefficients that fit folds at once, 0 of columns without a part."""
-        beta = np.zeros(len(self.sides[0]))
-        if not step.over:
-            return beta
-        rows = self._rows(step.over)
-        R = self._penalty(step.over, step.penalty)
+    def _both(self, tried: _Tried) -> Array:
+        """Return the coefficients that fit both folds at once."""
+        return self._fitted(tried, [0, 1], self.sides)
+
+    def _fitted(self, tried: _Tried, folds: Sequence[int], sides: Sequence[Array]) -> Array:
+        """Return the coefficients that fit folds at once."""
+        rows = self._rows(tried.over)
+        R = self._penalty(tried.over, tried.penalty)
         A = np.sum([self.squares[k][np.ix_(rows, rows)] for k in folds], axis=0)
-        beta[rows] = _solved(A + R, -np.sum([self.sides[k][rows] for k in folds], axis=0))
-        return beta
+        return _solved(A + R, -np.sum([sides[k][rows] for k in folds], axis=0))
+
+    def _whole(self, tried: _Tried, betas: Sequence[Array]) -> Array:
+        """Return coefficients of every column, 0 of those that a spline has not, (n, m + k)."""
+        whole = np.zeros((len(betas), len(self.sides[0])))
+        whole[:, self._rows(tried.over)] = betas
+        return whole
 
     def _best(self, over: tuple[str, ...]) -> _Tried:
         """Return the spline over some signals whose penalty predicts the other fold best."""
@@ -485,13 +475,6 @@ class _Search:
             return _Tried(sum(saved) / self.energy, over, penalty, betas)
 
         return max(map(tried, PENALTIES), key=lambda x: x.gain)
-
-    def _step(self, tried: _Tried) -> _Step:
-        """Return what a spline of either fold does on the other one."""
-        full = np.zeros((2, len(self.sides[0])))
-        full[:, self._rows(tried.over)] = tried.betas[::-1]
-        answers = [c.times(b) for c, b in zip(self.seen, full, strict=True)]
-        return _Step(tried.gain, tried.over, answers, tried.penalty)
 
     def _rows(self, over: Sequence[str]) -> NDArray[np.int_]:
         return np.concatenate([self.place[n] for n in over])
