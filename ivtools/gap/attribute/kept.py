@@ -117,9 +117,9 @@ def _lasting(
 ) -> int:
     """Return how many names there are before one that may be a matter of use.
 
-    What changes with use changes with time as well. So an effect of time has no name unless it does
-    better than friction that warms up, nor has one of what such friction describes best; that may
-    be the effect of a later name.
+    What changes with use changes with time as well, and falls with the speed of late. So an effect
+    of time or of the speed has no name unless it does better than friction that warms up, nor has
+    one of what such friction describes best; that may be the effect of a later name.
     """
 
     @cache
@@ -135,10 +135,10 @@ def _lasting(
 
     def lasts(k: int) -> bool:
         """Whether what gets the k-th name is none of use, if it may be one."""
-        timed = _timed(groups[k])
-        if not (timed or (left and left[k].of_use)):
+        alike = any(t.term.of_time or t.term.of_speed for t in groups[k])
+        if not (alike or (left and left[k].of_use)):
             return True
-        later = () if timed else range(k + 1, len(groups))
+        later = () if alike else range(k + 1, len(groups))
         return any(_timed(groups[j]) and not_use(j) for j in later) or not_use(k)
 
     return next((k for k in range(len(groups)) if not lasts(k)), len(groups))

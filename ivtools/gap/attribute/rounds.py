@@ -174,12 +174,14 @@ def play(
     tried = _Tries(fits, held, found, rules, removed, sensed, places).all()
     trials = tuple(t for t in tried.values() if t is not None)
     vain = {n: (1.0 - VALLEY_DEPTH) * cost(held) for n, t in tried.items() if t is None}
+    named = [r.best.term for r in rounds if r.best is not None]
     similar = set().union(*(r.similar() for r in rounds))
     least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
+    if any(t.of_speed for t in named):  # whose form is never quite the axis's
+        some = (t.term for t in trials if t.term.everywhere and not t.term.second_mass)
+        similar |= {t.name for t in some}
+        least = least if cost(held) >= ADEQUATE else float("inf")
     new = [t for t in trials if t.name not in similar or t.removed > least or t.apart]
-    named = [r.best.term for r in rounds if r.best is not None]
-    if cost(held) < ADEQUATE and any(t.of_speed for t in named):
-        new = [t for t in new if not t.term.of_speed]  # the form of a law is never quite the axis's
     if any(t.second_mass for t in named):
         least = SWUNG if base[0].fold.link is not None else 0.0
         new = [t for t in new if t.removed > least * (cost(base) - cost(held))]
