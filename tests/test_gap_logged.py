@@ -148,6 +148,28 @@ def test_a_log_of_some_of_the_samples_is_no_fault_of_the_controller(count):
     assert len(said(found, f"takes {count} samples for each of the log")) == 1
 
 
+def filtered(loop, hz):
+    """Return a loop with a low-pass behind its law."""
+    return replace(loop, controller=replace(loop.controller, filter={"kind": "lowpass", "hz": hz}))
+
+
+@pytest.mark.parametrize("count", [3, 4, 5])
+def test_a_filter_that_the_rate_of_the_log_cannot_have_says_that_the_controller_is_faster(count):
+    loop = filtered(iv.axes.emps(), 300.0)
+    wave = {"cosine": 3.0, "sine": 1.0, "period": 0.004}
+    one, two = (sparse(r, count) for r in pair(loop, cogging=wave))
+    found = iv.diagnose(one, loop, two)
+    assert found.effects == ("cogging",) and found.verdict == "explained"
+    assert len(said(found, f"takes {count} samples for each of the log")) == 1
+
+
+def test_a_filter_beyond_the_log_that_no_faster_controller_has_is_left_out():
+    loop = iv.axes.emps()
+    found = iv.diagnose(pair(loop)[0], filtered(loop, 600.0), pair(loop)[1])
+    assert found.verdict == "adequate" and found.loop.controller.filter is None
+    assert len(said(found, "at 600 Hz is not below half of the log's rate (1000 Hz)")) == 1
+
+
 @pytest.mark.parametrize("count", [3, 8, 16, 20])
 def test_a_drive_is_as_much_faster_than_its_log_as_its_settings_say(count, monkeypatch):
     """At 20 kHz noise of the encoder hides some of its delay."""
@@ -235,6 +257,29 @@ def test_gains_that_are_wrong_are_no_matter_of_the_rate():
     wrong = replace(loop, controller=replace(loop.controller, settings=gains))
     found = parity.check(record, wrong)
     assert found.oversampling == 1 and found.found == pytest.approx({"kv": 1 / 1.04 - 1}, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_nor_are_they_behind_noise_of_the_encoder(seed):
+    """A filter of the velocity that the file lacks, a gain, or a delay that is shorter."""
+    rng = np.random.default_rng(seed)
+    loop = iv.axes.emps()
+    law = loop.controller
+    size, kv = rng.choice([-1.0, 1.0]) * rng.uniform(0.03, 0.2), law.settings["kv"]
+    others = (
+        {"settings": {**law.settings, "kv": (1.0 + size) * kv}},
+        {"velocity_filter": (0.6, 0.4)},
+        {"delay": law.delay + 1},
+        {"settings": {**law.settings, "kp": (1.0 + size) * law.settings["kp"]}},
+    )
+    other = replace(law, **others[seed % len(others)])
+    true, declared = (law, other) if seed < len(others) else (other, law)
+    record = pair(replace(loop, controller=true))[0]
+    noise = 10.0 ** rng.uniform(-6.5, -5.5) * rng.normal(size=record.n_samples)
+    found = parity.check(
+        record.replace(q=record.q[:, 0] + noise), replace(loop, controller=declared)
+    )
+    assert found.oversampling == 1
 
 
 @pytest.mark.parametrize("seed", range(4))

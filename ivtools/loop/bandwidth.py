@@ -74,7 +74,7 @@ def _crossover(loop: ClosedLoop, inertia: float, viscous: float, dt: float) -> t
     """Return frequency, Hz, and phase margin, degrees, of the highest gain crossover."""
     hz = np.geomspace(1e-5, 1.0, _GRID) * 0.5 / dt
     z = np.exp(2j * np.pi * hz * dt)
-    law = loop.controller.law(dt).response(z) * z**-loop.controller.delay
+    law = loop.controller.shown(dt).law(dt).response(z) * z**-loop.controller.delay
     around = law * axis_response(inertia, viscous, loop.delay, dt, z) * loop.gain
     log_gain = np.log(np.maximum(np.abs(around), np.finfo(float).tiny))  # (_GRID,)
     above = np.flatnonzero(log_gain > 0.0)

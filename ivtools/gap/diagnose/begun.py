@@ -296,6 +296,10 @@ def _as_it_acted(
     loop, compared, said = _derived(task, loop)
     rate = max(p.oversampling for p in compared)
     said += [preflight.faster(rate)] if rate > 1 else []
+    beyond = loop.controller.filter
+    if rate == 1 and beyond is not None and not beyond.fits(task.record.dt):
+        loop = replace(loop, controller=loop.controller.shown(task.record.dt))
+        said += [preflight.beyond_the_log(beyond.hz, task.record.sampling_hz)]
     if rate > 1 or task.links or loop.controller.kind == "none":
         return task, loop, compared, said
     task, compared, put = _in_place(task, loop, compared)

@@ -17,6 +17,7 @@ from ..between import interpolated
 from ..rules import (
     DIGITS,
     FASTER,
+    FASTER_EXPLAINS,
     FASTER_LATE,
     GAIN_ERROR,
     GAIN_NEEDED,
@@ -149,7 +150,7 @@ def otherwise_derived(
     way = other_derivative(law.reference_derivative)
     other = replace(loop, controller=replace(law, reference_derivative=way))
     part = record.liveliest(LAW_TOLD)
-    here, there = (Signals(part, one).fed(one.controller) for one in (loop, other))
+    here, there = (Signals(part, one).fed(one.controller.shown(part.dt)) for one in (loop, other))
     if np.array_equal(here, there):
         return []
     found = list(compare(other))
@@ -212,11 +213,12 @@ def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -
         return replace(
             _checked(interpolated(record, oversampling), loop)[0], oversampling=oversampling
         )
-    found, signals = _checked(record, loop)
+    shown = replace(loop, controller=loop.controller.shown(record.dt))
+    found, signals = _checked(record, shown)
     found = found if oversampling else _between(record, loop, found)
     limited = found.limit is not None and found.after**2 < LIMIT_LEAVES  # behind it it is right
     known = not read or limited or not doubted(record, found)
-    return found if known else _read(found, signals, record, loop)
+    return found if known else _read(found, signals, record, shown)
 
 
 def doubted(record: Record, found: Parity) -> bool:
@@ -270,30 +272,45 @@ def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
 def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     """Return how the law compares if its controller takes several samples for each of the log.
 
-    It does if the law explains more between the samples, with all its settings as declared, than
-    it does with others at the samples.
+    It does if the law explains as much between the samples, with all its settings as declared, as
+    it does with others at the samples, or nearly; the log alone cannot have a filter beyond it.
     """
     declared = loop.controller.delay
-    if found.after <= ROUNDING or not (found.mismatch or found.delay != declared):
+    whole = found.declared == loop.controller
+    if found.after <= ROUNDING or (whole and not found.mismatch and found.delay == declared):
         return found
     limited = replace(loop.controller, limit=found.loop.controller.limit)
     part = record.liveliest(LAW_TOLD)
-    added = found.mismatch.get("added", 0.0)
     here = Signals(part, loop)
-    left = here.error(found.loop.controller, found.delay, added)[PARITY_HEAD:]
-    most = min(np.linalg.norm(left), LAW_ERROR * np.linalg.norm(here.command[PARITY_HEAD:]))
+    stays = _left(here.error(limited.shown(part.dt), declared, 0.0))
+    added = found.mismatch.get("added", 0.0)
+    left = _left(here.error(found.loop.controller, found.delay, added))
     tried = {}
     for count in FASTER:
         fine = Signals(interpolated(part, count), loop)
-        error = fine.error(limited, declared, 0.0)[count * PARITY_HEAD :: count]
-        tried[count] = float(np.linalg.norm(error))
-    count = min(tried, key=lambda n: tried[n])
-    if tried[count] < most:
-        one, _ = _checked(interpolated(record, count), loop)
-        if not one.mismatch and abs(one.delay - declared) < FASTER_LATE * count:
-            law = replace(one.loop.controller, delay=declared)
-            return replace(one, loop=replace(loop, controller=law), oversampling=count)
-    return found
+        if limited.shown(fine.dt) != limited:
+            continue
+        tried[count] = _left(fine.error(limited, declared, 0.0), count)
+    count = min(tried, key=lambda n: tried[n], default=0)
+    most = LAW_ERROR**2 * _left(here.command)
+    if not count or tried[count] > most or not _takes(stays, tried[count], left):
+        return found
+    one, _ = _checked(interpolated(record, count), loop)
+    late = abs(one.delay - declared) >= FASTER_LATE * count
+    if one.mismatch or (late and not _takes(found.before**2, one.before**2, one.after**2)):
+        return found
+    law = replace(one.loop.controller, delay=declared)
+    return replace(one, loop=replace(loop, controller=law), oversampling=count)
+
+
+def _left(error: Array, count: int = 1) -> float:
+    """Return the energy of an error at the samples of a log, of `count` as many."""
+    return float(np.sum(error[count * PARITY_HEAD :: count] ** 2))
+
+
+def _takes(stays: float, left: float, other: float) -> bool:
+    """Whether what is left of an error is nearly as much less as another law leaves less."""
+    return stays - left > FASTER_EXPLAINS * (stays - other)
 
 
 def _once(error: Array, t: Array) -> float | None:

@@ -23,6 +23,7 @@ from .findings import (
 )
 from .hanging import Hanging, hanging
 from .logged import (
+    beyond_the_log,
     counted,
     derived,
     elsewhere,
@@ -46,6 +47,7 @@ __all__ = [
     "derived",
     "doubts",
     "elsewhere",
+    "beyond_the_log",
     "faster",
     "finer",
     "followed",

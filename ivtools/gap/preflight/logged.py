@@ -285,3 +285,12 @@ def faster(count: int) -> Finding:
         "is simulated at its own rate, and the log is interpolated"
     )
     return Finding(text, fatal=False)
+
+
+def beyond_the_log(hz: float, rate: float) -> Finding:
+    """Return what to say of a filter at `hz` that a log of this rate, Hz, cannot show."""
+    text = (
+        f"the filter in [controller] at {hz:g} Hz is not below half of the log's rate ({rate:g} "
+        "Hz), and the command shows no faster controller: the diagnosis goes on without the filter"
+    )
+    return Finding(text, fatal=False)

@@ -208,6 +208,10 @@ class Controller:
             return replace(law, back=back, hold=np.zeros_like(law.hold))
         return law if self.anti_windup == "clamp" else replace(law, hold=np.zeros_like(law.hold))
 
+    def shown(self, dt: float) -> Controller:
+        """Return what a log with this sampling step (s) can show of it: no filter beyond that."""
+        return self if self.filter is None or self.filter.fits(dt) else replace(self, filter=None)
+
     def known(self, record: Record) -> Controller:
         """Return this controller as it can be simulated: with the velocity that a record shows."""
         if self.velocity == "differences" or not (self._of and self._of.velocity):

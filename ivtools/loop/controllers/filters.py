@@ -72,9 +72,13 @@ class LoopFilter:
         pairs = {"kind": self.kind, "hz": self.hz, "damping": self.damping}
         return {k: v for k, v in pairs.items() if v is not None}
 
+    def fits(self, dt: float) -> bool:
+        """Whether it lies below half of a sampling rate."""
+        return self.hz * dt < 0.5
+
     def coefficients(self, dt: float) -> tuple[Array, Array]:
         """Return numerator and denominator in powers of z^-1."""
-        if not self.hz * dt < 0.5:
+        if not self.fits(dt):
             raise AxisError(
                 f"filter hz is {self.hz:g}, the sampling rate {1 / dt:g} Hz; a filter lies below "
                 "half of the sampling rate"

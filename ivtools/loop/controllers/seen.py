@@ -73,7 +73,7 @@ class Seen:
                 )
             dq = record.dq[:, 0]
         else:
-            dq = controller.law(record.dt).velocity(q)
+            dq = controller.shown(record.dt).law(record.dt).velocity(q)
         return cls(np.column_stack([q_ref, dq_ref, feed, q, dq]), own)
 
     def expected(self, law: LinearLaw, delay: int, limit: float, least: float) -> Array:
