@@ -86,6 +86,8 @@ GAIN_STEPS = 3
 #: Parity error's energy over the least at any delay, beyond which a delay is out after a step
 #: (training: the same delays and gains in 70 records as with all of them).
 DELAY_TOLD = 10.0
+#: The same, at the end, where a part of a long record is asked (training).
+DELAY_LIKELY = 1.5
 #: Relative error of a gain that is worth a name (physics: no gain is known better).
 GAIN_ERROR = 0.004
 #: Block-robust t value from which a gain is wrong (training: 0 of 100 records without).

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from ...linalg import block_covariance
 from ...loop import Controller
 from ..rules import (
     ADDED_LEAST,
+    DELAY_LIKELY,
     DELAY_TOLD,
     GAIN_ERROR,
     GAIN_EXPLAINS,
@@ -18,6 +20,7 @@ from ..rules import (
     GAIN_RANGE,
     GAIN_STEPS,
     GAIN_T,
+    LAW_TOLD,
     MAX_DELAY,
     PARITY_BLOCKS,
     PARITY_HEAD,
@@ -32,27 +35,52 @@ _MOVE = 1e-3  # of a gain, in its finite differences
 def best_delay(
     signals: Signals, controller: Controller, free: NDArray[np.bool_]
 ) -> tuple[dict[str, float], int]:
-    """Return the mismatch that is worth a name, at the delay that explains most, and that."""
-    fits = {delay: _Gains(signals, controller, delay, free) for delay in range(MAX_DELAY + 1)}
+    """Return the mismatch that is worth a name, at the delay that explains most, and that.
+
+    A part of a long record tells which delays may be that, and nearly what the gains are.
+    """
+    begun = {delay: np.zeros(0) for delay in range(MAX_DELAY + 1)}
+    some, rows = signals.part(LAW_TOLD)
+    if 2 * some.record.n_samples < signals.record.n_samples:
+        fits = _fitted(some, controller, free[rows], begun)
+        least = min(fit.cost for fit in fits.values())
+        begun = {k: fit.x for k, fit in fits.items() if fit.cost <= DELAY_LIKELY * least}
+    fits = _fitted(signals, controller, free, begun)
+    delay = min(fits, key=lambda k: fits[k].cost)
+    return _material(signals, controller, fits[delay]), delay
+
+
+def _fitted(
+    signals: Signals,
+    controller: Controller,
+    free: NDArray[np.bool_],
+    begun: Mapping[int, Array],
+) -> dict[int, _Gains]:
+    """Return what the gains are at each delay that may be the one, from where they are begun."""
+    fits = {delay: _Gains(signals, controller, delay, free, x) for delay, x in begun.items()}
     for _ in range(GAIN_STEPS):
         for fit in fits.values():
             fit.step()
         least = min(fit.cost for fit in fits.values())
         fits = {delay: fit for delay, fit in fits.items() if fit.cost <= DELAY_TOLD * least}
-    delay = min(fits, key=lambda k: fits[k].cost)
-    return _material(signals, controller, fits[delay]), delay
+    return fits
 
 
 class _Gains:
     """The mismatch that explains most of the command at one delay, as far as it is fitted."""
 
     def __init__(
-        self, signals: Signals, controller: Controller, delay: int, free: NDArray[np.bool_]
+        self,
+        signals: Signals,
+        controller: Controller,
+        delay: int,
+        free: NDArray[np.bool_],
+        begun: Array,
     ) -> None:
         self.signals, self.delay = signals, delay
         self.controller = replace(controller, limit=np.inf)
         self.names = [*controller.mismatches, *(["added"] if signals.added.any() else [])]
-        self.x = np.zeros(len(self.names))
+        self.x = begun if len(begun) else np.zeros(len(self.names))
         self.rows = free.copy()
         self.rows[:PARITY_HEAD] = False
         self.e = self._error(self.x)
