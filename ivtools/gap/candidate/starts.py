@@ -12,11 +12,12 @@ from scipy.stats import qmc
 
 from ...physics import Term
 from ...workers import threaded
-from ..fit import Fit, heavy_enough
+from ..fit import Fit, gauss_newton, heavy_enough
 from ..fold import Fold, settling
 from ..library import Box, alternatives
 from ..rules import (
     ADEQUATE,
+    AGAIN,
     CROWD,
     DELIVERED_POINTS,
     FIRST_CROWD,
@@ -130,10 +131,9 @@ def _deepest(
     before = _NOTHING.get(fits[0], {}).get(term.name)
     if before is not None and (left <= LARGE or before > LARGE):
         return []
-    costs = [_cost(f, term) for f in fits]
-    rigid = [c(None) for c in costs]
-    costs = [costs[k] for k in np.argsort(rigid)[::-1]]  # the one that shows most first
-    plain, known = sum(rigid), dict(place or {})
+    shows_most = sorted(fits, key=lambda f: -_cost(f, term)(None))
+    costs = [_cost(f, term) for f in shows_most]
+    plain, known = sum(c(None) for c in costs), dict(place or {})
     if known and sum(c(known) for c in costs) < HOPELESS * plain:
         return [known]
     scales = fits[0].fold.scales
@@ -150,7 +150,24 @@ def _deepest(
     cost, best = min(found, key=_cheapest)
     if cost > HOPELESS * plain:
         _NOTHING.setdefault(fits[0].common, {})[term.name] = left
-    return [best] if cost <= plain else []
+    again = ADEQUATE * len(fits) < cost <= VALLEY_DEPTH * plain
+    more = [_again(shows_most, term, best, plain, b) for b, _ in boxes] if again else []
+    return [best, *more] if cost <= plain else []
+
+
+def _again(fits: Sequence[Fit], term: Term, point: Point, plain: float, box: Box) -> Point:
+    """Return the point with the least error if the base is as it is beside a first one.
+
+    Fitted without the effect it is so far off that the true point may leave more than others.
+    """
+    loops = [f.loop.with_effect(term, **point) for f in fits]
+    tuned = threaded(
+        lambda f, loop: gauss_newton(f.fold, loop, loop.values(f.values), f.free, AGAIN),
+        fits,
+        loops,
+    )
+    costs = [_cost(f, term, one) for f, one in zip(fits, tuned, strict=True)]
+    return _evolved(costs, plain, box, _power(box, FIRST_CROWD), {})[1]
 
 
 def _cheapest(found: tuple[float, Point]) -> float:
@@ -243,20 +260,21 @@ def _delivered(fits: tuple[Fit, ...], term: Term) -> list[Point]:
     return [min(map(best, Box.of(term, fits[0].fold.scales)), key=_cheapest)[1]]
 
 
-def _cost(fit: Fit, term: Term) -> Callable[[Point | None], float]:
+def _cost(fit: Fit, term: Term, tuned: Fit | None = None) -> Callable[[Point | None], float]:
     """Return the cost of a point on the worst stretch of a fold, the base tuned to first order.
 
     That of no point is what there is without the effect; a link that would have no inertia left in
-    some pose costs infinitely much.
+    some pose costs infinitely much. The base is that of the fit, or as it was `tuned` beside the
+    effect.
     """
     fold = fit.fold
     rows, settled = _worst(fold, fit.e)
     part = fold.stretch(rows.start, rows.stop)
     part = part.only(np.arange(rows.start, rows.stop) >= settled)
-    J = fit.J[np.sum(fold.keep[:settled]) :][: part.n_kept]
+    J = (tuned or fit).J[np.sum(fold.keep[:settled]) :][: part.n_kept]
     Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0]
     left, loop = part.cost_beside(Q), fit.loop.with_effect(term)
-    base = loop.values(beginning(fit, term))
+    base = tuned.values if tuned is not None else loop.values(beginning(fit, term))
 
     def cost(point: Point | None) -> float:
         """Return the mean square of the whitened error."""
