@@ -12,7 +12,7 @@ from scipy.stats import qmc
 
 from ...physics import Term
 from ...workers import threaded
-from ..fit import Fit, gauss_newton, heavy_enough
+from ..fit import Fit, cost, gauss_newton, heavy_enough
 from ..fold import Fold, settling
 from ..library import Box, alternatives
 from ..rules import (
@@ -147,27 +147,37 @@ def _deepest(
     if left > ADEQUATE and least > MOST * plain:
         wider = Box.wider(term, scales)
         found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), {}) for b in wider]
-    cost, best = min(found, key=_cheapest)
-    if cost > HOPELESS * plain:
+    least, best = min(found, key=_cheapest)
+    if least > HOPELESS * plain:
         _NOTHING.setdefault(fits[0].common, {})[term.name] = left
-    again = ADEQUATE * len(fits) < cost <= VALLEY_DEPTH * plain
-    more = [_again(shows_most, term, best, plain, b) for b, _ in boxes] if again else []
-    return [best, *more] if cost <= plain else []
+    if least > plain:
+        return []
+    deep = ADEQUATE * len(fits) < least <= VALLEY_DEPTH * plain
+    return [_once_more(shows_most, term, best, plain, [b for b, _ in boxes]) if deep else best]
 
 
-def _again(fits: Sequence[Fit], term: Term, point: Point, plain: float, box: Box) -> Point:
-    """Return the point with the least error if the base is as it is beside a first one.
+def _once_more(
+    fits: Sequence[Fit], term: Term, first: Point, plain: float, boxes: Sequence[Box]
+) -> Point:
+    """Return the point with the least error if the base is as it is beside a first one, or that.
 
     Fitted without the effect it is so far off that the true point may leave more than others.
     """
-    loops = [f.loop.with_effect(term, **point) for f in fits]
-    tuned = threaded(
-        lambda f, loop: gauss_newton(f.fold, loop, loop.values(f.values), f.free, AGAIN),
-        fits,
-        loops,
-    )
-    costs = [_cost(f, term, one) for f, one in zip(fits, tuned, strict=True)]
-    return _evolved(costs, plain, box, _power(box, FIRST_CROWD), {})[1]
+    beside = _tuned(fits, term, first)
+    costs = [_cost(f, term, one) for f, one in zip(fits, beside, strict=True)]
+    found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), {}) for b in boxes]
+    other = min(found, key=_cheapest)[1]
+    return other if cost(_tuned(fits, term, other)) < cost(beside) else first
+
+
+def _tuned(fits: Sequence[Fit], term: Term, point: Point) -> list[Fit]:
+    """Return fits with an effect as it is at a point, beside which the others are tuned."""
+
+    def one(fit: Fit) -> Fit:
+        loop = fit.loop.with_effect(term, **point)
+        return gauss_newton(fit.fold, loop, loop.values(beginning(fit, term)), fit.free, AGAIN)
+
+    return threaded(one, fits)
 
 
 def _cheapest(found: tuple[float, Point]) -> float:
