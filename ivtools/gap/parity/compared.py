@@ -228,25 +228,31 @@ def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -
 def doubted(record: Record, found: Parity) -> bool:
     """Whether a record is asked for its own law.
 
-    Where the declared one explains little of the command, or another one all but everything.
+    Where another one, whatever it is, may explain all but everything of the command, or much more
+    where the declared one explains little; and where that one cannot be gone on with.
     """
-    if found.oversampling > 1:
+    if found.oversampling > 1 or found.after <= DIGITS:
         return False
-    return found.after > PARITY_POOR or another(record, found)
+    there, better = _others(record, found)
+    return there or not found.trustworthy or (better and found.after > PARITY_POOR)
 
 
 def another(record: Record, found: Parity) -> bool:
-    """Whether there is a law that explains much more than the one that was found, whatever it is.
+    """Whether there is a law that explains all but everything of the command, whatever it is."""
+    return found.after > DIGITS and _others(record, found)[0]
 
-    It takes what is logged, when it is logged or later.
+
+def _others(record: Record, found: Parity) -> tuple[bool, bool]:
+    """Whether a law explains all but everything, and whether one may be enough better.
+
+    A law of a few samples, which takes what is logged, when it is logged or later; where a record
+    cannot be asked for one, `identify` says so.
     """
-    if found.after <= DIGITS:
-        return False
     try:
         left, alone = least(found.loop, record.liveliest(LAW_TOLD))
     except IVToolsError:
-        return False
-    return left < LAW_THERE * min(found.after, alone)
+        return False, True
+    return left < LAW_THERE * min(found.after, alone), left**2 < LAW_BETTER * found.after**2
 
 
 def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:

@@ -42,8 +42,8 @@ VERDICTS = {
 #: Of a gap that no law of the axis's own motion describes.
 OUTSIDE = Finding(
     "no force over position, speed or load of this axis describes what is left: something outside "
-    "may make it, as another joint's motion or a hand does; log it as load, and diagnose a joint "
-    "with its whole robot (--robot)",
+    "may make it, as another joint's motion or a hand does, or a second mass that was not found; "
+    "log what acts from outside as load, and diagnose a joint with its whole robot (--robot)",
     fatal=False,
 )
 #: Of a gap that the other record cannot judge.
