@@ -9,7 +9,7 @@ import numpy as np
 from ...loop import ClosedLoop
 from ...physics import Term
 from ...workers import threaded
-from ..fit import Fit, common, gauss_newton, steps
+from ..fit import Fit, common, cost, gauss_newton, steps
 from ..fold import Fold
 from ..rules import GOES_ON, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
 from ..screen import Score
@@ -48,6 +48,16 @@ def attempt(
     begin = starts(fits, scores, left, place)
     if not all(begin):
         return None
+    each = [begin]
+    if term.search == "valleys":  # either fold would take another one
+        each = [tuple([point] for _ in fits) for point in begin[0]]
+    return min((_tried(fits, before, term, one) for one in each), key=lambda t: cost(t.held))
+
+
+def _tried(
+    fits: tuple[Fit, ...], before: tuple[Fit, ...], term: Term, begin: tuple[list[Point], ...]
+) -> Trial:
+    """Return what comes of these starting values, per fold."""
     new = tuple(threaded(lambda f, b: _extended(f, term, b), fits, begin))
     if any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True)):
         new = deeper(new, term)

@@ -119,8 +119,9 @@ def _deepest(
 ) -> list[Point]:
     """Return the point with the least error on both folds together, by differential evolution.
 
-    None where each is worse than no effect at all; that which is known where it is not. Where there
-    is nothing beside a model, there is nothing beside it where both folds have been.
+    None where each is worse than no effect at all; that which is known where it is not; two where
+    the base is so far off that it hides which is the one. Where there is nothing beside a model,
+    there is nothing beside it where both folds have been.
 
     A valley that is too narrow for gradients is at the same place in both folds, and the false
     ones are not; it is as narrow in a part of the record as in all of it, and wider the shorter
@@ -152,22 +153,24 @@ def _deepest(
         _NOTHING.setdefault(fits[0].common, {})[term.name] = left
     if least > plain:
         return []
-    deep = ADEQUATE * len(fits) < least <= VALLEY_DEPTH * plain
-    return [_once_more(shows_most, term, best, plain, [b for b, _ in boxes]) if deep else best]
+    if not ADEQUATE * len(fits) < least <= VALLEY_DEPTH * plain:
+        return [best]
+    return [best, *_beside(shows_most, term, best, plain, [b for b, _ in boxes])]
 
 
-def _once_more(
+def _beside(
     fits: Sequence[Fit], term: Term, first: Point, plain: float, boxes: Sequence[Box]
-) -> Point:
-    """Return the point with the least error if the base is as it is beside a first one, or that.
+) -> list[Point]:
+    """Return the point with the least error if the base is as it is beside a first one.
 
-    Fitted without the effect it is so far off that the true point may leave more than others.
+    Fitted without the effect it is so far off that the true point may leave more than others. None
+    where the first one leaves no more.
     """
     beside = _tuned(fits, term, first)
     costs = [_cost(f, term, one) for f, one in zip(fits, beside, strict=True)]
     found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), {}) for b in boxes]
     other = min(found, key=_cheapest)[1]
-    return other if cost(_tuned(fits, term, other)) < cost(beside) else first
+    return [other] if cost(_tuned(fits, term, other)) < cost(beside) else []
 
 
 def _tuned(fits: Sequence[Fit], term: Term, point: Point) -> list[Fit]:

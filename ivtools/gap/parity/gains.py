@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from ..rules import (
     MAX_DELAY,
     PARITY_BLOCKS,
     PARITY_HEAD,
+    ROUNDING,
 )
 from .signals import Signals
 
@@ -37,50 +38,47 @@ def best_delay(
 ) -> tuple[dict[str, float], int]:
     """Return the mismatch that is worth a name, at the delay that explains most, and that.
 
-    A part of a long record tells which delays may be that, and nearly what the gains are.
+    A part of a long record tells which delays may be that.
     """
-    begun = {delay: np.zeros(0) for delay in range(MAX_DELAY + 1)}
+    delays: Iterable[int] = range(MAX_DELAY + 1)
     some, rows = signals.part(LAW_TOLD)
     if 2 * some.record.n_samples < signals.record.n_samples:
-        fits = _fitted(some, controller, free[rows], begun)
-        least = min(fit.cost for fit in fits.values())
-        begun = {k: fit.x for k, fit in fits.items() if fit.cost <= DELAY_LIKELY * least}
-    fits = _fitted(signals, controller, free, begun)
+        fits = _fitted(some, controller, free[rows], delays)
+        delays = _told(fits, DELAY_LIKELY, some)
+    fits = _fitted(signals, controller, free, delays)
     delay = min(fits, key=lambda k: fits[k].cost)
     return _material(signals, controller, fits[delay]), delay
 
 
 def _fitted(
-    signals: Signals,
-    controller: Controller,
-    free: NDArray[np.bool_],
-    begun: Mapping[int, Array],
+    signals: Signals, controller: Controller, free: NDArray[np.bool_], delays: Iterable[int]
 ) -> dict[int, _Gains]:
-    """Return what the gains are at each delay that may be the one, from where they are begun."""
-    fits = {delay: _Gains(signals, controller, delay, free, x) for delay, x in begun.items()}
+    """Return what the gains are at each delay that may be the one."""
+    fits = {delay: _Gains(signals, controller, delay, free) for delay in delays}
     for _ in range(GAIN_STEPS):
         for fit in fits.values():
             fit.step()
-        least = min(fit.cost for fit in fits.values())
-        fits = {delay: fit for delay, fit in fits.items() if fit.cost <= DELAY_TOLD * least}
+        fits = _told(fits, DELAY_TOLD, signals)
     return fits
+
+
+def _told(fits: dict[int, _Gains], factor: float, signals: Signals) -> dict[int, _Gains]:
+    """Return those that leave at most so many times the least, or nothing but rounding."""
+    least = factor * min(fit.cost for fit in fits.values())
+    nothing = ROUNDING**2 * float(signals.command @ signals.command)
+    return {delay: fit for delay, fit in fits.items() if fit.cost <= max(least, nothing)}
 
 
 class _Gains:
     """The mismatch that explains most of the command at one delay, as far as it is fitted."""
 
     def __init__(
-        self,
-        signals: Signals,
-        controller: Controller,
-        delay: int,
-        free: NDArray[np.bool_],
-        begun: Array,
+        self, signals: Signals, controller: Controller, delay: int, free: NDArray[np.bool_]
     ) -> None:
         self.signals, self.delay = signals, delay
         self.controller = replace(controller, limit=np.inf)
         self.names = [*controller.mismatches, *(["added"] if signals.added.any() else [])]
-        self.x = begun if len(begun) else np.zeros(len(self.names))
+        self.x = np.zeros(len(self.names))
         self.rows = free.copy()
         self.rows[:PARITY_HEAD] = False
         self.e = self._error(self.x)
