@@ -11,9 +11,9 @@ from ...physics import Term
 from ...workers import threaded
 from ..fit import Fit, common, cost, gauss_newton, steps
 from ..fold import Fold
-from ..rules import GOES_ON, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
+from ..rules import ADEQUATE, GOES_ON, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
 from ..screen import Score
-from .starts import Point, beginning, starts
+from .starts import Point, beginning, beside, starts
 from .trial import Trial
 
 #: Fits of one fold's effect on the other, by that fold's fit and, if its phases count, the own one.
@@ -48,10 +48,12 @@ def attempt(
     begin = starts(fits, scores, left, place)
     if not all(begin):
         return None
-    each = [begin]
-    if term.search == "valleys":  # either fold would take another one
-        each = [tuple([point] for _ in fits) for point in begin[0]]
-    return min((_tried(fits, before, term, one) for one in each), key=lambda t: cost(t.held))
+    first = _tried(fits, before, term, begin)
+    if term.search != "valleys" or term.by_inverse or cost(first.held) < ADEQUATE:
+        return first
+    others = beside(fits, term, begin[0][0])
+    tried = [first, *([_tried(fits, before, term, others)] if all(others) else [])]
+    return min(tried, key=lambda t: cost(t.held))
 
 
 def _tried(

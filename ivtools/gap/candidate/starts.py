@@ -12,7 +12,7 @@ from scipy.stats import qmc
 
 from ...physics import Term
 from ...workers import threaded
-from ..fit import Fit, cost, gauss_newton, heavy_enough
+from ..fit import Fit, gauss_newton, heavy_enough
 from ..fold import Fold, settling
 from ..library import Box, alternatives
 from ..rules import (
@@ -119,9 +119,8 @@ def _deepest(
 ) -> list[Point]:
     """Return the point with the least error on both folds together, by differential evolution.
 
-    None where each is worse than no effect at all; that which is known where it is not; two where
-    the base is so far off that it hides which is the one. Where there is nothing beside a model,
-    there is nothing beside it where both folds have been.
+    None where each is worse than no effect at all; that which is known where it is not. Where there
+    is nothing beside a model, there is nothing beside it where both folds have been.
 
     A valley that is too narrow for gradients is at the same place in both folds, and the false
     ones are not; it is as narrow in a part of the record as in all of it, and wider the shorter
@@ -132,9 +131,10 @@ def _deepest(
     before = _NOTHING.get(fits[0], {}).get(term.name)
     if before is not None and (left <= LARGE or before > LARGE):
         return []
-    shows_most = sorted(fits, key=lambda f: -_cost(f, term)(None))
-    costs = [_cost(f, term) for f in shows_most]
-    plain, known = sum(c(None) for c in costs), dict(place or {})
+    costs = [_cost(f, term) for f in fits]
+    rigid = [c(None) for c in costs]
+    costs = [costs[k] for k in np.argsort(rigid)[::-1]]  # the one that shows most first
+    plain, known = sum(rigid), dict(place or {})
     if known and sum(c(known) for c in costs) < HOPELESS * plain:
         return [known]
     scales = fits[0].fold.scales
@@ -151,36 +151,38 @@ def _deepest(
     least, best = min(found, key=_cheapest)
     if least > HOPELESS * plain:
         _NOTHING.setdefault(fits[0].common, {})[term.name] = left
-    if least > plain:
-        return []
-    if not ADEQUATE * len(fits) < least <= VALLEY_DEPTH * plain:
-        return [best]
-    return [best, *_beside(shows_most, term, best, plain, [b for b, _ in boxes])]
+    return [best] if least <= plain else []
 
 
-def _beside(
-    fits: Sequence[Fit], term: Term, first: Point, plain: float, boxes: Sequence[Box]
-) -> list[Point]:
-    """Return the point with the least error if the base is as it is beside a first one.
+def beside(fits: Sequence[Fit], term: Term, first: Point) -> tuple[list[Point], ...]:
+    """Return, per fold, the point with the least error if the base is as it is beside a first one.
 
     Fitted without the effect it is so far off that the true point may leave more than others. None
-    where the first one leaves no more.
+    where the first one is no valley.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        The model without the effect, on each fold.
+    term : Term
+        One of those with valleys.
+    first : dict
+        The point with the least error beside the base that was fitted without it.
     """
-    beside = _tuned(fits, term, first)
-    costs = [_cost(f, term, one) for f, one in zip(fits, beside, strict=True)]
-    found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), {}) for b in boxes]
-    other = min(found, key=_cheapest)[1]
-    return [other] if cost(_tuned(fits, term, other)) < cost(beside) else []
+    rigid = [_cost(f, term) for f in fits]
+    if sum(c(first) for c in rigid) > VALLEY_DEPTH * sum(c(None) for c in rigid):
+        return ([],) * len(fits)
 
-
-def _tuned(fits: Sequence[Fit], term: Term, point: Point) -> list[Fit]:
-    """Return fits with an effect as it is at a point, beside which the others are tuned."""
-
-    def one(fit: Fit) -> Fit:
-        loop = fit.loop.with_effect(term, **point)
+    def tuned(fit: Fit) -> Fit:
+        """Return the base as it is beside the first one."""
+        loop = fit.loop.with_effect(term, **first)
         return gauss_newton(fit.fold, loop, loop.values(beginning(fit, term)), fit.free, AGAIN)
 
-    return threaded(one, fits)
+    costs = [_cost(f, term, one) for f, one in zip(fits, threaded(tuned, fits), strict=True)]
+    plain = sum(c(None) for c in costs)
+    boxes = Box.of(term, fits[0].fold.scales)
+    each = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), {}) for b in boxes]
+    return ([min(each, key=_cheapest)[1]],) * len(fits)
 
 
 def _cheapest(found: tuple[float, Point]) -> float:
