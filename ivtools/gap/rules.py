@@ -86,8 +86,6 @@ GAIN_STEPS = 3
 #: Parity error's energy over the least at any delay, beyond which a delay is out after a step
 #: (training: the same delays and gains in 70 records as with all of them).
 DELAY_TOLD = 10.0
-#: The same, at the end, where a part of a long record is asked (training).
-DELAY_LIKELY = 1.5
 #: Relative error of a gain that is worth a name (physics: no gain is known better).
 GAIN_ERROR = 0.004
 #: Block-robust t value from which a gain is wrong (training: 0 of 100 records without).
@@ -98,8 +96,8 @@ GAIN_EXPLAINS = 0.2
 GAIN_NEEDED = 1.02
 #: Relative parity error from which a law does not reproduce the command (training).
 LAW_ERROR = 0.2
-#: Relative parity error up to which a record is not asked for another law (definition: a setting of
-#: an axis file has four digits).
+#: Relative parity error up to which a record is not asked for another law, or another derivative of
+#: its reference (definition: a setting of an axis file has four digits).
 DIGITS = 1e-4
 #: Relative parity error from which the record is asked for its own law (physics: a digital law
 #: repeats to rounding, and to 0.3 % where log and controller sample apart).

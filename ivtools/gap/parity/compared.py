@@ -145,7 +145,7 @@ def otherwise_derived(
         Compares the same records with another loop.
     """
     law = loop.controller
-    if law.kind == "none" or max(p.before for p in compared) <= ROUNDING:
+    if law.kind == "none" or max(p.before for p in compared) <= DIGITS:
         return []
     way = other_derivative(law.reference_derivative)
     other = replace(loop, controller=replace(law, reference_derivative=way))
@@ -153,10 +153,6 @@ def otherwise_derived(
     here, there = (Signals(part, one).fed(one.controller.shown(part.dt)) for one in (loop, other))
     if np.array_equal(here, there):
         return []
-    if 2 * part.n_samples < record.n_samples:  # it may tell that nothing more is explained
-        own = check(part, loop, False, compared[0].oversampling)
-        if not _explain_more([check(part, other, False)], [own]):
-            return []
     found = list(compare(other))
     return found if _explain_more(found, compared) else []
 
@@ -214,9 +210,7 @@ def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int
 def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -> Parity:
     """Compare them, the added input being what was recorded; read another law if that is asked."""
     if oversampling > 1:
-        return replace(
-            _checked(interpolated(record, oversampling), loop)[0], oversampling=oversampling
-        )
+        return _at_rate(record, loop, oversampling)
     shown = replace(loop, controller=loop.controller.shown(record.dt))
     found, signals = _checked(record, shown)
     found = found if oversampling else _between(record, loop, found)
@@ -305,12 +299,25 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     most = LAW_ERROR**2 * _left(here.command)
     if not count or tried[count] > most or not _takes(stays, tried[count], left):
         return found
-    one, _ = _checked(interpolated(record, count), loop)
+    one = _at_rate(record, loop, count)
     late = abs(one.delay - declared) >= FASTER_LATE * count
     if one.mismatch or (late and not _takes(found.before**2, one.before**2, one.after**2)):
         return found
     law = replace(one.loop.controller, delay=declared)
-    return replace(one, loop=replace(loop, controller=law), oversampling=count)
+    return replace(one, loop=replace(loop, controller=law))
+
+
+def _at_rate(record: Record, loop: ClosedLoop, count: int) -> Parity:
+    """Return how the law compares that takes so many samples for each of the log.
+
+    What a controller saw between them is not logged: other settings must take most of the error.
+    """
+    found, _ = _checked(interpolated(record, count), loop)
+    found = replace(found, oversampling=count)
+    if not found.mismatch or _takes(found.before**2, found.after**2, 0.0):
+        return found
+    law = replace(loop.controller, limit=found.loop.controller.limit)
+    return replace(found, loop=replace(loop, controller=law), mismatch={}, after=found.before)
 
 
 def _left(error: Array, count: int = 1) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from ...linalg import block_covariance
 from ...loop import Controller
 from ..rules import (
     ADDED_LEAST,
-    DELAY_LIKELY,
     DELAY_TOLD,
     GAIN_ERROR,
     GAIN_EXPLAINS,
@@ -20,11 +18,9 @@ from ..rules import (
     GAIN_RANGE,
     GAIN_STEPS,
     GAIN_T,
-    LAW_TOLD,
     MAX_DELAY,
     PARITY_BLOCKS,
     PARITY_HEAD,
-    ROUNDING,
 )
 from .signals import Signals
 
@@ -36,37 +32,15 @@ _MOVE = 1e-3  # of a gain, in its finite differences
 def best_delay(
     signals: Signals, controller: Controller, free: NDArray[np.bool_]
 ) -> tuple[dict[str, float], int]:
-    """Return the mismatch that is worth a name, at the delay that explains most, and that.
-
-    A part of a long record tells which delays may be that.
-    """
-    delays: Iterable[int] = range(MAX_DELAY + 1)
-    some, rows = signals.part(LAW_TOLD)
-    if 2 * some.record.n_samples < signals.record.n_samples:
-        fits = _fitted(some, controller, free[rows], delays)
-        delays = _told(fits, DELAY_LIKELY, some)
-    fits = _fitted(signals, controller, free, delays)
-    delay = min(fits, key=lambda k: fits[k].cost)
-    return _material(signals, controller, fits[delay]), delay
-
-
-def _fitted(
-    signals: Signals, controller: Controller, free: NDArray[np.bool_], delays: Iterable[int]
-) -> dict[int, _Gains]:
-    """Return what the gains are at each delay that may be the one."""
-    fits = {delay: _Gains(signals, controller, delay, free) for delay in delays}
+    """Return the mismatch that is worth a name, at the delay that explains most, and that."""
+    fits = {delay: _Gains(signals, controller, delay, free) for delay in range(MAX_DELAY + 1)}
     for _ in range(GAIN_STEPS):
         for fit in fits.values():
             fit.step()
-        fits = _told(fits, DELAY_TOLD, signals)
-    return fits
-
-
-def _told(fits: dict[int, _Gains], factor: float, signals: Signals) -> dict[int, _Gains]:
-    """Return those that leave at most so many times the least, or nothing but rounding."""
-    least = factor * min(fit.cost for fit in fits.values())
-    nothing = ROUNDING**2 * float(signals.command @ signals.command)
-    return {delay: fit for delay, fit in fits.items() if fit.cost <= max(least, nothing)}
+        least = min(fit.cost for fit in fits.values())
+        fits = {delay: fit for delay, fit in fits.items() if fit.cost <= DELAY_TOLD * least}
+    delay = min(fits, key=lambda k: fits[k].cost)
+    return _material(signals, controller, fits[delay]), delay
 
 
 class _Gains:

@@ -56,15 +56,6 @@ class Signals:
         other.limit, other.least = limit, least
         return other
 
-    def part(self, n: int) -> tuple[Signals, slice]:
-        """Return those of the n samples in which the position changes most, and where these are."""
-        record, other = self.record.liveliest(n), copy(self)
-        first = int(np.searchsorted(self.record.t, record.t[0]))
-        rows = slice(first, first + record.n_samples)
-        other.record, other.whole = record, self.whole[rows]
-        other.added, other.command = self.added[rows], self.command[rows]
-        return other, rows
-
     def seen(self, controller: Controller) -> Seen:
         """Return the inputs of a law, and what it gave."""
         return Seen.of(controller, self.record, self.whole, self.joint)
