@@ -101,6 +101,36 @@ def test_a_load_that_rattles_in_one_of_two_records_is_told_by_stretches_of_that_
         assert gap.floors[0].between is None and "no hold-out" not in gap.summary()
 
 
+def test_a_gap_is_searched_again_beside_the_base_as_it_is_with_it():
+    """Fitted without it the base is so far off that another gap had left less than the true one."""
+    true = {"gap": 8.54e-4, "load_share": 0.379, "load_friction": 0.69, "contact_hz": 124.0}
+    loop, theta = axis("backlash", **true, damping=0.695, load_offset=0.0)
+    one, two = (moves.record(loop, theta, 10.0, s) for s in (10, 9))
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert gap.effects == ("backlash",) and gap.verdict == "explained"
+    assert gap.shrink.after < 0.05 * gap.shrink.before  # 0.14 of it, beside the other one
+    assert gap.parameters["backlash"]["gap"] == pytest.approx(true["gap"], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("suite", "name", "seed"),
+    [
+        ("quiet", "warming", 1148),  # once Stribeck's: it falls with the speed of late
+        ("sensed", "warming", 1153),
+        ("quiet", "stribeck", 1144),  # once with regularised-coulomb, of Stribeck's force
+        ("sensed", "stribeck", 1145),
+    ],
+)
+def test_friction_on_the_physics_of_others_has_the_name_of_its_law_alone(suite, name, seed):
+    pytest.importorskip("mujoco")
+    from benchmarks.withheld.mujoco.cases import draw as on_mujoco
+
+    case = on_mujoco(suite, name, seed)
+    one, two = (iv.Record.from_dict(r, name=n) for r, n in zip(case.records, "ab", strict=True))
+    gap = iv.diagnose(one, from_tables(case.tables), two)
+    assert gap.effects == (() if name == "warming" else (name,))
+
+
 def test_an_effect_that_was_fitted_to_some_samples_is_frozen_on_all():
     """Its Jacobian has a row per sample, and serves the first step on the same ones only."""
     base = iv.axes.emps()
