@@ -53,7 +53,7 @@ def attempt(
         return first
     others = beside(fits, term, begin[0][0])
     tried = [first, *([_tried(fits, before, term, others)] if all(others) else [])]
-    return min(tried, key=lambda t: cost(t.held))
+    return min(tried, key=lambda t: (not t.meant, cost(t.held)))
 
 
 def _tried(
