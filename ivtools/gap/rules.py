@@ -135,8 +135,9 @@ MISPLACED = (1, -1, 2, -2, 3, -3)
 #: that are logged at 1 kHz).
 FASTER = (2, 3, 4, 5, 8, 10, 16, 20)
 #: Of the parity error's energy that other settings take at the samples of a log, what its own must
-#: take at that rate (training: 0.74 of what a filter takes that is not there; settings that are
-#: wrong are so at any rate).
+#: take at a faster rate, and of what there is at that rate, what others must take to be believed
+#: (training: 0.74 of what a filter takes that is not there; settings that are wrong are so at any
+#: rate).
 FASTER_EXPLAINS = 0.7
 #: Size, of the largest, from which a change of a reference, or of its slope, counts where one that
 #: was made at a lower rate than it is logged is told (numerics: digits of a log).
