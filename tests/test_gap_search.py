@@ -848,6 +848,6 @@ def test_a_step_that_is_absurd_is_shortened_and_no_error():
     """Two effects that make up for each other have a step without end."""
     loop = iv.axes.emps().with_effect("stribeck")
     fold = SimpleNamespace(record=SimpleNamespace(dt=1e-3))
-    at = Simulated(fold, loop, {"stribeck.force": 1.0}, run=None, e=np.zeros(0))
+    at = Simulated(fold, loop, {"stribeck.force": 1.0}, np.zeros(0))
     for change in (1e72, -1e72):
         assert abs(at.moved("stribeck.force", change)) <= LARGEST

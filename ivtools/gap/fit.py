@@ -39,8 +39,8 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
-    """Values that make a loop reproduce the command of a fold.
+class Simulated:
+    """A model that is simulated on a fold: where a descent stands.
 
     Parameters
     ----------
@@ -48,25 +48,22 @@ class Fit:
     loop : ClosedLoop
     values : mapping
         Value of every parameter.
-    free : tuple of str
-        Parameters that were fitted.
     e : ndarray, (n_kept,)
         Whitened error.
-    J : ndarray, (n_kept, n_free)
-        Derivative of `e`.
     """
 
     fold: Fold
     loop: ClosedLoop
     values: dict[str, float]
-    free: tuple[str, ...]
     e: Array
-    J: Array
 
-    @property
-    def cost(self) -> float:
-        """Mean square of the whitened error; 1 is the floor."""
-        return float(self.e @ self.e) / len(self.e)
+    @classmethod
+    def at(cls, fold: Fold, loop: ClosedLoop, values: dict[str, float]) -> Simulated:
+        """Return a loop simulated at these values."""
+        simulation = fold.simulate(loop, values)
+        found = cls(fold, loop, values, fold.judged(loop, simulation))
+        vars(found)["simulation"] = simulation  # it need not be made again
+        return found
 
     @cached_property
     def simulation(self) -> Simulation:
@@ -74,9 +71,116 @@ class Fit:
         return self.fold.simulate(self.loop, self.values)
 
     @property
-    def simulated(self) -> Simulated:
-        """Where the descent ended."""
-        return Simulated(self.fold, self.loop, self.values, self.simulation, self.e)
+    def energy(self) -> float:
+        """Sum of squares of the whitened error."""
+        return float(self.e @ self.e)
+
+    def jacobian(
+        self, free: Sequence[str], step: Mapping[str, float], near: Fit | None = None
+    ) -> Array:
+        """Return the derivative of the whitened error, (n_kept, n_free).
+
+        A parameter of a force law acts through its force along the simulated trajectory and the
+        loop's linear response; one that changes the structure is simulated once more, and so is
+        every one where a robot's link is behind a second mass: the response is that of a rigid
+        joint. What a fit `near` by knows is taken from there.
+        """
+        fold, loop = self.fold, self.loop
+        rigid = fold.link is None or not any(t.search == "valleys" for t in loop.terms)
+        owner = {n: t for t in loop.terms for n in t.names}
+        forces, J = {}, np.empty((len(self.e), len(free)))
+        known = () if near is None else near.free
+        for column, name in enumerate(free):
+            term = owner[name]
+            if near is not None and name in known:
+                J[:, column] = near.J[:, known.index(name)]
+            elif rigid and term.law is not None:
+                forces[column] = _law_change(term, name, self.values, step[name], self.simulation)
+
+        def simulated(name: str) -> Array:
+            """Return the derivative by one parameter, from one more simulation."""
+            at_top = self.values[name] + step[name] > self._upper(name)
+            change = -step[name] if at_top else step[name]
+            moved = {**self.values, name: self.values[name] + change}
+            return (fold.error(loop, moved) - self.e) / change
+
+        others = [k for k, name in enumerate(free) if k not in forces and name not in known]
+        slopes = threaded(simulated, [free[k] for k in others])
+        for column, slope in zip(others, slopes, strict=True):
+            J[:, column] = slope
+        if forces:
+            J[:, list(forces)] = fold.answers(as_columns(forces.values()))
+        return J
+
+    def move(self, free: Sequence[str], J: Array, units: Array) -> Array:
+        """Return the Gauss-Newton step, (n_free,), in which none leaves a bound that it is at.
+
+        The others are solved for without it: cut off afterwards, its part of the step would leave
+        them with what it should have balanced.
+
+        J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, section 16.7.
+        """
+        low = np.array([self.loop.parameters[n].lower for n in free])
+        high = np.array([self._upper(n) for n in free])
+        at = np.array([self.values[n] for n in free])
+        inside, move = np.ones(len(free), dtype=bool), np.zeros(len(free))
+        for _ in free:
+            move[:] = 0.0
+            some = units[inside]  # damped in directions that the record does not show
+            move[inside] = -some * normal(J[:, inside] * some, self.e)
+            leaves = inside & (((at <= low) & (move < 0.0)) | ((at >= high) & (move > 0.0)))
+            if not leaves.any():
+                break
+            inside &= ~leaves
+        return move
+
+    def lower(self, free: Sequence[str], move: Array) -> Simulated | None:
+        """Return where a step, shortened until the error falls, leads to; None if it never does."""
+        for factor in SHORTER:
+            values = {**self.values}
+            for name, change in zip(free, move, strict=True):
+                values[name] = self.moved(name, factor * change)
+            then = Simulated.at(self.fold, self.loop, heavy_enough(self.fold, self.loop, values))
+            if then.energy < self.energy:
+                return then
+            if factor == 1.0 and then.energy < (1.0 + CONVERGED) * self.energy:
+                break
+        return None
+
+    def moved(self, name: str, change: float) -> float:
+        """Return a parameter moved within its bounds; one that must be positive by a factor."""
+        p, value = self.loop.parameters[name], self.values[name]
+        new = value + change
+        if name == "inertia" or (not p.linear and p.lower >= 0.0 and value > 0.0):
+            new = float(np.clip(new, value / REACH, value * REACH))
+        largest = min(self._upper(name), LARGEST)  # an absurd step diverges, and is shortened
+        return float(np.clip(new, max(p.lower, -LARGEST), largest))
+
+    def _upper(self, name: str) -> float:
+        """Return the largest value of a parameter: what is stiffer is not told from it."""
+        p = self.loop.parameters[name]
+        return min(p.upper, STIFF * p.rigid / self.fold.record.dt)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit(Simulated):
+    """Values that make a loop reproduce the command of a fold.
+
+    Parameters
+    ----------
+    free : tuple of str
+        Parameters that were fitted.
+    J : ndarray, (n_kept, n_free)
+        Derivative of `e`.
+    """
+
+    free: tuple[str, ...]
+    J: Array
+
+    @property
+    def cost(self) -> float:
+        """Mean square of the whitened error; 1 is the floor."""
+        return float(self.e @ self.e) / len(self.e)
 
     @cached_property
     def basis(self) -> Array:
@@ -211,125 +315,6 @@ def steps(fold: Fold, loop: ClosedLoop, narrow: Collection[str] = ()) -> dict[st
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class Simulated:
-    """A model that is simulated on a fold: where a descent stands.
-
-    Parameters
-    ----------
-    fold : Fold
-    loop : ClosedLoop
-    values : mapping
-        Value of every parameter.
-    run : Simulation
-    e : ndarray, (n_kept,)
-        Whitened error.
-    """
-
-    fold: Fold
-    loop: ClosedLoop
-    values: dict[str, float]
-    run: Simulation
-    e: Array
-
-    @classmethod
-    def at(cls, fold: Fold, loop: ClosedLoop, values: dict[str, float]) -> Simulated:
-        """Return a loop simulated at these values."""
-        run = fold.simulate(loop, values)
-        return cls(fold, loop, values, run, fold.judged(loop, run))
-
-    @property
-    def energy(self) -> float:
-        """Sum of squares of the whitened error."""
-        return float(self.e @ self.e)
-
-    def jacobian(
-        self, free: Sequence[str], step: Mapping[str, float], near: Fit | None = None
-    ) -> Array:
-        """Return the derivative of the whitened error, (n_kept, n_free).
-
-        A parameter of a force law acts through its force along the simulated trajectory and the
-        loop's linear response; one that changes the structure is simulated once more, and so is
-        every one where a robot's link is behind a second mass: the response is that of a rigid
-        joint. What a fit `near` by knows is taken from there.
-        """
-        fold, loop = self.fold, self.loop
-        rigid = fold.link is None or not any(t.search == "valleys" for t in loop.terms)
-        owner = {n: t for t in loop.terms for n in t.names}
-        forces, J = {}, np.empty((len(self.e), len(free)))
-        known = () if near is None else near.free
-        for column, name in enumerate(free):
-            term = owner[name]
-            if near is not None and name in known:
-                J[:, column] = near.J[:, known.index(name)]
-            elif rigid and term.law is not None:
-                forces[column] = _law_change(term, name, self.values, step[name], self.run)
-
-        def simulated(name: str) -> Array:
-            """Return the derivative by one parameter, from one more simulation."""
-            at_top = self.values[name] + step[name] > self._upper(name)
-            change = -step[name] if at_top else step[name]
-            moved = {**self.values, name: self.values[name] + change}
-            return (fold.error(loop, moved) - self.e) / change
-
-        others = [k for k, name in enumerate(free) if k not in forces and name not in known]
-        slopes = threaded(simulated, [free[k] for k in others])
-        for column, slope in zip(others, slopes, strict=True):
-            J[:, column] = slope
-        if forces:
-            J[:, list(forces)] = fold.answers(as_columns(forces.values()))
-        return J
-
-    def move(self, free: Sequence[str], J: Array, units: Array) -> Array:
-        """Return the Gauss-Newton step, (n_free,), in which none leaves a bound that it is at.
-
-        The others are solved for without it: cut off afterwards, its part of the step would leave
-        them with what it should have balanced.
-
-        J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, section 16.7.
-        """
-        low = np.array([self.loop.parameters[n].lower for n in free])
-        high = np.array([self._upper(n) for n in free])
-        at = np.array([self.values[n] for n in free])
-        inside, move = np.ones(len(free), dtype=bool), np.zeros(len(free))
-        for _ in free:
-            move[:] = 0.0
-            some = units[inside]  # damped in directions that the record does not show
-            move[inside] = -some * normal(J[:, inside] * some, self.e)
-            leaves = inside & (((at <= low) & (move < 0.0)) | ((at >= high) & (move > 0.0)))
-            if not leaves.any():
-                break
-            inside &= ~leaves
-        return move
-
-    def lower(self, free: Sequence[str], move: Array) -> Simulated | None:
-        """Return where a step, shortened until the error falls, leads to; None if it never does."""
-        for factor in SHORTER:
-            values = {**self.values}
-            for name, change in zip(free, move, strict=True):
-                values[name] = self.moved(name, factor * change)
-            then = Simulated.at(self.fold, self.loop, heavy_enough(self.fold, self.loop, values))
-            if then.energy < self.energy:
-                return then
-            if factor == 1.0 and then.energy < (1.0 + CONVERGED) * self.energy:
-                break
-        return None
-
-    def moved(self, name: str, change: float) -> float:
-        """Return a parameter moved within its bounds; one that must be positive by a factor."""
-        p, value = self.loop.parameters[name], self.values[name]
-        new = value + change
-        if name == "inertia" or (not p.linear and p.lower >= 0.0 and value > 0.0):
-            new = float(np.clip(new, value / REACH, value * REACH))
-        largest = min(self._upper(name), LARGEST)  # an absurd step diverges, and is shortened
-        return float(np.clip(new, max(p.lower, -LARGEST), largest))
-
-    def _upper(self, name: str) -> float:
-        """Return the largest value of a parameter: what is stiffer is not told from it."""
-        p = self.loop.parameters[name]
-        return min(p.upper, STIFF * p.rigid / self.fold.record.dt)
-
-
 def _law_change(
     term: Term, name: str, values: Mapping[str, float], step: float, simulation: Simulation
 ) -> Array:
@@ -392,8 +377,8 @@ def gauss_newton(
     free = tuple(free)
     at = Simulated.at(fold, loop, heavy_enough(fold, loop, dict(values)))
     J = np.zeros((len(at.e), len(free)))
-    if not at.run.finite:  # nothing to descend on: its cost says so
-        return Fit(fold, loop, at.values, free, at.e, J)
+    if not at.simulation.finite:  # nothing to descend on: its cost says so
+        return Fit(fold, loop, at.values, at.e, free, J)
     step = steps(fold, loop, narrow)
     units = np.array([step[n] for n in free])
     J = at.jacobian(free, step, near)
@@ -407,7 +392,7 @@ def gauss_newton(
             break
         if gain > KEEP_JACOBIAN:
             J = at.jacobian(free, step)
-    return Fit(fold, loop, at.values, free, at.e, J)
+    return Fit(fold, loop, at.values, at.e, free, J)
 
 
 def normal(A: Array, b: Array) -> Array:

@@ -135,7 +135,7 @@ def _lasting(
 
     def lasts(k: int) -> bool:
         """Whether what gets the k-th name is none of use, if it may be one."""
-        alike = any(t.term.of_time or t.term.of_speed for t in groups[k])
+        alike = _timed(groups[k]) or any(t.term.of_speed for t in groups[k])
         if not (alike or (left and left[k].of_use)):
             return True
         later = () if alike else range(k + 1, len(groups))

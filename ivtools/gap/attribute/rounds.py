@@ -177,11 +177,12 @@ def play(
     named = [r.best.term for r in rounds if r.best is not None]
     similar = set().union(*(r.similar() for r in rounds))
     least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
+    alike = set()
     if any(t.of_speed for t in named):  # whose form is never quite the axis's
-        some = (t.term for t in trials if t.term.everywhere and not t.term.second_mass)
-        similar |= {t.name for t in some}
-        least = least if cost(held) >= ADEQUATE else float("inf")
-    new = [t for t in trials if t.name not in similar or t.removed > least or t.apart]
+        alike = {t.name for t in terms if t.everywhere and not t.second_mass}
+    new = [t for t in trials if t.name not in similar | alike or t.removed > least or t.apart]
+    if cost(held) < ADEQUATE:
+        new = [t for t in new if t.name not in alike]
     if any(t.second_mass for t in named):
         least = SWUNG if base[0].fold.link is not None else 0.0
         new = [t for t in new if t.removed > least * (cost(base) - cost(held))]

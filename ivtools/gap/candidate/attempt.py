@@ -49,11 +49,10 @@ def attempt(
     if not all(begin):
         return None
     first = _tried(fits, before, term, begin)
-    if term.search != "valleys" or term.by_inverse or cost(first.held) < ADEQUATE:
+    if cost(first.held) < ADEQUATE or not all(others := beside(fits, term, begin[0][0])):
         return first
-    others = beside(fits, term, begin[0][0])
-    tried = [first, *([_tried(fits, before, term, others)] if all(others) else [])]
-    return min(tried, key=lambda t: (not t.meant, cost(t.held)))
+    other = _tried(fits, before, term, others)
+    return min(first, other, key=lambda t: (not t.meant, cost(t.held)))
 
 
 def _tried(
@@ -163,7 +162,7 @@ def gone_on(held: Fit) -> Fit:
         known = [n for n in term.linear if held.values[n] and n not in held.free]
         if not (term.of_time and known and held.simulation.finite):
             continue
-        J = held.simulated.jacobian(known, steps(held.fold, held.loop))
+        J = held.jacobian(known, steps(held.fold, held.loop))
         change = held.beyond_base(J @ [held.values[n] for n in known])
         size = 1.0 - float(change @ held.e) / max(float(change @ change), 1e-300)
         size = float(np.clip(size, 1.0 / GOES_ON, GOES_ON))

@@ -165,10 +165,11 @@ def beside(fits: Sequence[Fit], term: Term, first: Point) -> tuple[list[Point], 
     fits : sequence of Fit
         The model without the effect, on each fold.
     term : Term
-        One of those with valleys.
     first : dict
         The point with the least error beside the base that was fitted without it.
     """
+    if term.search != "valleys" or term.by_inverse:
+        return ([],) * len(fits)
     rigid = [_cost(f, term) for f in fits]
     if sum(c(first) for c in rigid) > VALLEY_DEPTH * sum(c(None) for c in rigid):
         return ([],) * len(fits)

@@ -39,15 +39,15 @@ from .plausible import doubts
 from .pull import HELD, adrift, followed, lawless, pulled, rings
 
 __all__ = [
-    "HELD",
     "Finding",
+    "HELD",
     "Hanging",
     "adrift",
+    "beyond_the_log",
     "counted",
     "derived",
     "doubts",
     "elsewhere",
-    "beyond_the_log",
     "faster",
     "finer",
     "followed",
