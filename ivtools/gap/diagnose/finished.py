@@ -20,17 +20,16 @@ from ..floor import Measured, come_again, masked
 from ..fold import Fold
 from ..preflight import Finding
 from ..rules import AT_CONTROLLER, CLEAN, RANKED, REPEATS
-from .begun import Begun, Progress, mute
+from .begun import Begun
 from .named import named
 from .refused import refused
+from .task import Say, mute
 
 Array = NDArray[np.float64]
 
 
 @one_blas_thread()
-def finish(
-    begun: Begun | Diagnosis, progress: Progress | None = None, swung: float = 0.0
-) -> Diagnosis:
+def finish(begun: Begun | Diagnosis, progress: Say | None = None, swung: float = 0.0) -> Diagnosis:
     """Finish a diagnosis that has begun; one that was refused is finished.
 
     Parameters

@@ -14,8 +14,9 @@ from ...workers import one_blas_thread
 from ..diagnosis import Diagnosis
 from ..rules import TOLERANCE, Rules
 from ..simulator import against, confirm, run
-from .begun import Progress, Task, begin
+from .begun import begin
 from .finished import finish
+from .task import Say, Task
 
 
 @one_blas_thread()
@@ -31,7 +32,7 @@ def diagnose(
     rules: Rules | None = None,
     extra: Sequence[Term] = (),
     without: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: Say | None = None,
 ) -> Diagnosis:
     """Say where a simulation parts from a record, which effect it lacks, and how far that closes.
 
@@ -81,6 +82,7 @@ def diagnose(
     >>> gap.effects
     ('asymmetric-viscous',)
     """
+    limits = rules or Rules()
 
     def found(
         one: Record,
@@ -91,7 +93,7 @@ def diagnose(
     ) -> Diagnosis:
         """Diagnose one record beside another; without names or descriptions where asked."""
         whole = simulated is not None
-        kept = rules if named else replace(rules or Rules(), most=0)
+        kept = limits if named else replace(limits, most=0)
         asked = (tolerance, kept, extra, without)
         task = Task(one, loop, other, judge, *asked, whole=whole, described=described)
         return finish(begin(task, progress), progress)
@@ -102,7 +104,7 @@ def diagnose(
         raise RecordError("a judge tells of a model of this toolkit; leave it out with simulated")
     if not isinstance(simulated, Simulator):
         logs = (simulated, simulated_holdout)
-        return against(record, loop, holdout, *logs, found, rules or Rules())
+        return against(record, loop, holdout, *logs, found, limits)
     if simulated_holdout is not None:
         raise RecordError(
             "simulated is a simulator, which is run on the holdout as well; "
@@ -110,5 +112,5 @@ def diagnose(
         )
     other = None if holdout is None else run(simulated, holdout)
     logs = (run(simulated, record), other)
-    lacks = against(record, loop, holdout, *logs, found, rules or Rules())
+    lacks = against(record, loop, holdout, *logs, found, limits)
     return replace(lacks, confirmed=confirm(lacks, simulated, holdout or record))
