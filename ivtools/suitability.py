@@ -145,6 +145,9 @@ def _law(
     rows.append(("parity R2", f"{r2:.4f}", f"of the law in the axis file ({kind}){where}"))
     if parity.oversampling > 1:
         rows.append(("its rate", f"{parity.oversampling} times", "that of the log"))
+    own = known.controller.filter
+    if parity.oversampling == 1 and own is not None and not own.fits(record.dt):
+        rows.append(("filter", f"{own.hz:g} Hz", "beyond the log's rate: compared without it"))
     if parity.after < parity.before - 1e-3:
         rows.append(("", f"{1.0 - parity.after**2:.4f}", "as the record has it"))
     rows.append(("at limit", f"{100 * parity.clipped:.1f} %", "of the samples"))

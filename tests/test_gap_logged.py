@@ -248,6 +248,9 @@ def test_a_first_look_compares_the_law_at_its_rate():
         chart = parity_chart(found.record, loop, caption="", oversampling=rate)
         left.append(np.std(chart.panels[1].series[0].values[PARITY_HEAD:]))
     assert left[1] < 0.1 * left[0]
+    found = suitability(pair(loop)[0], filtered(loop, 600.0))
+    beyond = ("filter", "600 Hz", "beyond the log's rate: compared without it")
+    assert found.sufficient and beyond in found.rows
 
 
 def test_gains_that_are_wrong_are_no_matter_of_the_rate():
