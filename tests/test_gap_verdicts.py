@@ -203,6 +203,20 @@ def test_a_limit_that_one_record_hardly_meets_is_judged_on_the_other(turned):
     assert gap.parameters["saturation"]["limit"] == pytest.approx(limit, rel=1e-3)
 
 
+@pytest.mark.parametrize("share", [0.5, 0.7, 0.85])
+def test_what_a_limit_does_counts_where_the_command_is_at_it(share):
+    loop = iv.axes.emps()
+    theta = loop.values(BASE)
+    limit = share * min(float(np.max(np.abs(record(seed).nu))) for seed in (31, 32))
+    limited = replace(loop, controller=replace(loop.controller, limit=limit))
+    one, two = (moves.record(limited, theta, SECONDS, seed) for seed in (31, 32))
+    gap = iv.diagnose(one, loop, two)
+    assert gap.effects == ("saturation",) and gap.replicas
+    without = loop.gain * (two.nu - loop.simulate(two, theta).nu)[200:]
+    assert gap.shrink.before == pytest.approx(float(np.sqrt(np.mean(without**2))), rel=0.15)
+    assert gap.shrink.after < 0.5 * gap.shrink.before and gap.shrink.closed > 0.9
+
+
 def test_a_gap_below_the_tolerance_is_negligible_in_words():
     loop = iv.axes.emps().with_effect("asymmetric-viscous", delta=-40.0)
     one, two = record(6, loop), record(7, loop)

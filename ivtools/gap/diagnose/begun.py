@@ -193,8 +193,9 @@ def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measur
         p = m.parity
         least = m.base.force_rms**2 + 2.0 * FAINT * m.floor.noise**2
         corrected = (p.mismatch or p.taken) and not m.driven
-        if corrected and quantify.declared(loop, (m,)).force_rms ** 2 <= least:
-            shown = p.loop.controller
+        shown = p.loop.controller
+        given = replace(loop, controller=replace(loop.controller, limit=shown.limit))
+        if corrected and quantify.declared(given, m, m.fold).force_rms ** 2 <= least:
             declared = replace(loop.controller, delay=shown.delay, limit=shown.limit)
             plain = replace(m.base.loop, controller=declared)
             p = replace(p, loop=plain, mismatch={}, after=p.before, taken=False)

@@ -87,7 +87,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
             gap=word != "adequate",
             outside=remark is verdict.OUTSIDE,
         ),
-        regions=locate.regions(fold.record, fold.keep, traces.before, traces.after),
+        regions=locate.regions(traces.record, traces.keep, traces.before, traces.after),
         shrink=shrink,
         ranking=verdict.ranking(result, rules, max(before, RANKED) - 1.0),
         advice=(*advice.motions(result), *advice.remarks(measured, result, held_out, given)),
@@ -145,7 +145,7 @@ def _that_lower(
 ) -> _Outcome:
     """Return the names that lower the force error, by more than links may; if they do not, none."""
     at_controller, values = parity_shows
-    plain, effects = quantify.declared(loop, measured), (*at_controller, *result.named)
+    plain, effects = quantify.declared(loop, measured[-1]), (*at_controller, *result.named)
     shrink, traces = quantify.how_far(plain, measured, result, fold, held_out, bool(effects))
     tried = result.named if measured[-1].driven else effects  # its controller changes nothing
     removed = cost(result.base) - cost(result.held)

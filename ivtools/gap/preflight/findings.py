@@ -206,7 +206,10 @@ def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]
         return []
     share = f"in {100 * parity.clipped:.0f} % of the samples"
     if parity.limit is not None:
-        text = f"the command is cut at {parity.limit:.4g} {share}, which the axis file does not say"
+        stated = "which the axis file does not say"
+        if np.isfinite(limit):
+            stated = f"the axis file says {limit:.4g}"
+        text = f"the command is cut at {parity.limit:.4g} {share}, {stated}"
         remedy = "put it in [controller] limit, use gentler references"
         return [Finding(f"{text}; {remedy}", parity.clipped > OPEN_LOOP)]
     text = f"the command sits at its limit {share}; the loop is open there"
