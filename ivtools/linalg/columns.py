@@ -156,7 +156,7 @@ def independent(columns: Array, least: float, beside: Array | float = 0.0) -> Ar
     size = np.sqrt(np.diag(G))
     size[size == 0.0] = 1.0
     values, vectors = np.linalg.eigh(G / size / size[:, np.newaxis])
-    known = values > least * values[-1]
+    known = values > least * values.max(initial=0.0)
     return np.asarray(vectors[:, known] / np.sqrt(values[known]) / size[:, np.newaxis])
 
 

@@ -17,7 +17,7 @@ from ..fit import Fit, common, cost
 from ..floor import Measured, Ready, audible, beside_silent, masked, measure, prepared
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import AUDIBLE, FAINT, SATURATED, TOLERANCE, Rules
+from ..rules import AUDIBLE, FAINT, PARITY_POOR, SATURATED, TOLERANCE, Rules
 from .input import Input, readied
 from .refused import refused
 from .task import Inspected, Say, Task, mute
@@ -141,10 +141,15 @@ def _measured(given: Input, inspected: Inspected) -> Begun:
 def _inspected(given: Input) -> Inspected:
     """Return what is wrong with the records, or worth a word, by the record's name."""
     task, loop, records = given.task, given.loop, given.given
+    identified = task.loop.controller.kind == "identify"
 
     def known(record: Record, p: Parity) -> Parity:
-        """Ask the record for its own law where it has another one."""
-        return parity.check(record, loop, oversampling=1) if parity.doubted(record, p) else p
+        """Ask the record for its own law where it has another one.
+
+        What a law that was read from another record leaves may be a little more.
+        """
+        doubted = p.after > PARITY_POOR if identified else parity.doubted(record, p)
+        return parity.check(record, loop, oversampling=1) if doubted else p
 
     checked = tuple(threaded(known, records, given.compared))
     found = _by_record(
@@ -154,7 +159,7 @@ def _inspected(given: Input) -> Inspected:
         found += preflight.overlap(task.record, task.holdout)
     if task.judge is not None:
         found += [f for r in task.records for f in preflight.overlap(r, task.judge, "judge")]
-    if task.loop.controller.kind == "identify":  # no axis file has it wrong
+    if identified:  # no axis file has it wrong
         checked = tuple(map(parity.as_read, checked))
     return Inspected(checked, tuple(found))
 

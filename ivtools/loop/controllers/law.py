@@ -179,8 +179,7 @@ class LinearLaw:
         start = self.settled(inputs[0], float(command[0])) if near is None else near
         if not len(self.C):
             return start
-        given, frozen = self._march(inputs, start, clipped)
-        free = np.column_stack([self._free(e, frozen, clipped) for e in np.eye(len(start))])
+        given, free = self.freely(inputs, start, clipped)
         if not (np.isfinite(free).all() and np.isfinite(given).all()):  # an unstable law
             return start
         rows = np.ones(len(command), dtype=bool)
@@ -198,6 +197,14 @@ class LinearLaw:
         change = V[told].T @ (U[:, told].T @ left / seen[told]) / much[acts]
         found = start + states[acts].T @ change / size
         return found if np.isfinite(found).all() else start
+
+    def freely(
+        self, inputs: Array, state: Array, clipped: Clipped | None = None
+    ) -> tuple[Array, Array]:
+        """Return the command from a state on, (n_samples,), and how it answers to that, (.., n)."""
+        given, frozen = self._march(inputs, state, clipped)
+        answers = [self._free(e, frozen, clipped) for e in np.eye(len(state))]
+        return given, np.array(answers).reshape(len(state), len(given)).T
 
     def settled(self, inputs: Array, command: float | None = None) -> Array:
         """Return the state, (n,), that stays as it is with these inputs, and gives this command."""

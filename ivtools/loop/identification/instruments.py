@@ -46,8 +46,8 @@ def refined(data: Data, fitted: Fitted) -> Fitted | None:
         return None
     for _ in range(_STEPS):
         e = law.resids(controller)
-        J = jacobian(law, controller, names, e)
-        Z = jacobian(clean, controller, names, clean.resids(controller))
+        J = jacobian(law, controller, names)
+        Z = jacobian(clean, controller, names)
         size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
         A = (Z / size).T @ (J / size)
         step = np.linalg.lstsq(A, (Z / size).T @ e, rcond=1e-9)[0]

@@ -21,7 +21,7 @@ from scipy import signal
 
 from ...errors import AxisError
 from ...linalg.noise import NoiseModel
-from ..controllers import KINDS, Controller, Seen
+from ..controllers import KINDS, Controller, LinearLaw
 from .data import DELAYS, Data
 from .forms import LEAST, MOST, Form, plausible
 from .polish import NOISE, Fitted, Law, jacobian, moved, names_of, values
@@ -309,13 +309,20 @@ def _nearest(found: Iterable[Found], count: int) -> list[Found]:
 class _Whole(Law):
     """A law along every sample, from any start: that is projected out."""
 
-    def resids(self, controller: Controller) -> Array:
-        late, data = controller.delay, self.data
-        law = controller.law(self.record.dt)
-        inputs = Seen.of(controller, self.record, self.whole, data.joint).inputs
-        inputs = inputs[: len(inputs) - late]
-        nu = law.command(inputs, law.settled(inputs[0]), data.clipped(late))
-        return np.asarray(data.command[late:] - nu)
+    def resids(self, controller: Controller, start: Array | None = None) -> Array:
+        law, inputs, late = self._known(controller)
+        state = law.settled(inputs[0]) if start is None else start
+        return np.asarray(
+            self.data.command[late:] - law.command(inputs, state, self.data.clipped(late))
+        )
+
+    def began(self, controller: Controller) -> tuple[Array, Array]:
+        law, inputs, _ = self._known(controller)
+        return law.settled(inputs[0]), np.zeros((len(inputs), 0))
+
+    def _known(self, controller: Controller) -> tuple[LinearLaw, Array, int]:
+        law, inputs, _ = self._along(controller)
+        return law, inputs[: len(inputs) - controller.delay], controller.delay
 
 
 def settled(data: Data, controller: Controller, steps: int = _STEPS) -> Fitted | None:
@@ -332,7 +339,7 @@ def settled(data: Data, controller: Controller, steps: int = _STEPS) -> Fitted |
 
     def slopes(controller: Controller, at: Turned) -> Array:
         clean = _Whole(at.clean(data), controller)
-        return at.through(jacobian(clean, controller, names, clean.resids(controller)))
+        return at.through(jacobian(clean, controller, names))
 
     def step(controller: Controller, at: Turned) -> Callable[[float], Controller]:
         change = _solved(slopes(controller, at), at.noise)

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import AxisError
-from ..controllers import Controller, Seen
+from ...linalg import independent
+from ..controllers import Controller, LinearLaw, Seen
+from ..controllers.law import Clipped
 from .data import Data
 from .forms import criterion, price
 
@@ -20,6 +22,7 @@ _STEP = 1e-5  # relative, of a difference quotient
 _STEPS = 6  # of Gauss and Newton
 _HALVES = 4  # of a step that makes it worse
 _GAINED = 1e-4  # of the power left, below which a step is the last
+_FREE = 1e-10  # energy of states that together do anything to the command, of the largest
 _DONE = 1e-10  # of the command, that is nothing
 _ALIKE = 0.2  # of the price of a setting: laws as good as each other
 _CHANCE = 4.0  # by which twice a log likelihood differs by chance
@@ -89,21 +92,40 @@ class Law:
         self.target = data.seen(data.command, late=controller.delay)
         self.power = max(float(self.target @ self.target), 1e-300)
 
-    def resids(self, controller: Controller) -> Array:
-        """Return what a controller leaves of the command, (rows,)."""
-        return self.target - self.data.seen(self.command(controller))
+    def resids(self, controller: Controller, start: Array | None = None) -> Array:
+        """Return what a controller leaves of the command, (rows,), from the likeliest state on.
 
-    def command(self, controller: Controller) -> Array:
+        Or from a given one.
+        """
+        return self.target - self.data.seen(self.command(controller, start))
+
+    def command(self, controller: Controller, start: Array | None = None) -> Array:
         """Return the law's command before its limit, not late, (n,)."""
-        law = controller.law(self.record.dt)
-        inputs = Seen.of(controller, self.record, self.whole, self.data.joint).inputs
+        law, inputs, clipped = self._along(controller)
         if not len(law.C):
             return inputs @ law.D
-        late, n = controller.delay, len(inputs)
+        began = self._began(law, inputs, controller.delay) if start is None else start
+        return law.command(inputs, began, clipped)
+
+    def began(self, controller: Controller) -> tuple[Array, Array]:
+        """Return the likeliest state in which a law began, (n,), and its answers, (rows, n)."""
+        law, inputs, clipped = self._along(controller)
+        start = self._began(law, inputs, controller.delay)
+        free = law.freely(inputs, start, clipped)[1]
+        seen = [self.data.seen(x) for x in free.T]
+        return start, np.array(seen).reshape(len(seen), len(self.target)).T
+
+    def _began(self, law: LinearLaw, inputs: Array, late: int) -> Array:
+        known = inputs[: len(inputs) - late]
+        return law.began(known, self.data.command[late:], self.data.clipped(late))
+
+    def _along(self, controller: Controller) -> tuple[LinearLaw, Array, Clipped]:
+        """Return a law, its inputs, (n, 5), and where its command was clipped, not late."""
+        late = controller.delay
+        inputs = Seen.of(controller, self.record, self.whole, self.data.joint).inputs
         clipped = self.data.clipped(late)
-        start = law.began(inputs[: n - late], self.data.command[late:], clipped)
         on = np.concatenate([clipped.side, np.zeros(late)])
-        return law.command(inputs, start, replace(clipped, side=on))
+        return controller.law(self.record.dt), inputs, replace(clipped, side=on)
 
 
 def polished(data: Data, controller: Controller, steps: int = _STEPS) -> Fitted:
@@ -115,7 +137,7 @@ def polished(data: Data, controller: Controller, steps: int = _STEPS) -> Fitted:
     law, names = Law(data, controller), tuple(names_of(controller))
     e = law.resids(controller)
     for _ in range(steps):
-        J = jacobian(law, controller, names, e)
+        J = jacobian(law, controller, names)
         size = np.linalg.norm(J, axis=0)
         size[size == 0.0] = 1.0
         step = np.linalg.lstsq(J / size, e, rcond=1e-9)[0] / size
@@ -128,7 +150,7 @@ def polished(data: Data, controller: Controller, steps: int = _STEPS) -> Fitted:
         e = new
         if done:
             break
-    J = jacobian(law, controller, names, e)
+    J = jacobian(law, controller, names)
     return Fitted(controller, names, J, e, float(e @ e) / law.power)
 
 
@@ -147,20 +169,30 @@ def _downhill(
     return None
 
 
-def jacobian(law: Law, controller: Controller, names: tuple[str, ...], e: Array) -> Array:
-    """Return how a law's command changes with its settings, (rows, len(names)), from e = resids."""
+def jacobian(law: Law, controller: Controller, names: tuple[str, ...]) -> Array:
+    """Return how a law's command changes with its settings, (rows, len(names)).
+
+    But for what the state in which it began makes up for, which is fitted anew.
+
+    L. Kaufman, "A variable projection method for solving separable nonlinear least squares
+    problems", BIT 15, 1975: at a state that stays, the change less what other states would do.
+    """
+    start, free = law.began(controller)
+    e = law.resids(controller, start)
     columns = []
     for i, name in enumerate(names):
         value = values(controller, (name,))[0]
         step = np.zeros(len(names))
         step[i] = _STEP * (abs(value) or _unit(controller, name))
         try:
-            changed = law.resids(moved(controller, names, step))
+            changed = law.resids(moved(controller, names, step), start)
         except AxisError:  # a filter at the end of its band
             step = -step
-            changed = law.resids(moved(controller, names, step))
+            changed = law.resids(moved(controller, names, step), start)
         columns.append((e - changed) / step[i])
-    return np.column_stack(columns) if columns else np.zeros((len(e), 0))
+    J = np.column_stack(columns) if columns else np.zeros((len(e), 0))
+    made_up = free @ independent(free, _FREE)
+    return J - made_up @ (made_up.T @ J)
 
 
 def _unit(controller: Controller, name: str) -> float:
