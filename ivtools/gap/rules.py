@@ -297,6 +297,9 @@ FAINT_LINE = 1e-3
 LINES_APART = 2
 #: Periods that a stroke must hold at least for a line (theory: it must come twice).
 LINE_PERIODS = 2.0
+#: How near the period of an encoder's line must come to one turn, of which the stroke need hold one
+#: only (physics: a shaft that is not in the middle of its scale; judgement).
+TURN = 0.01
 #: Bins over a period of a line at least (numerics).
 LINE_BINS = 4
 #: Bumps over a period of a line that are another law (theory: two are the line itself).
@@ -353,10 +356,11 @@ OUTLYING = 0.05
 #: (training: with three a force of position times speed leaves 1.2 to 2.4 times the noise, with two
 #: up to six times).
 LEARNT = 3
-#: Frequency, Hz, below which an error is slow, and the share of the force, rms, from which on what
-#: smooth laws leave of it is no noise (MuJoCo: 3.2 % at most on 13 axes with noise alone, 14 of 16
-#: slow forces, pendulums and second axes above 5; a line that hardly comes again has 6).
-SLOW_HZ, SLOW_FORCE = 5.0, 0.07
+#: Frequencies, Hz, below which an error is slow, and the share of the force, rms, from which on
+#: what smooth laws leave of it is no noise (below 5 Hz, MuJoCo: 3.2 % at most on 13 axes with noise
+#: alone, 14 of 16 slow forces, pendulums and second axes above 5; a line that hardly comes again
+#: has 6. Below 10 Hz: 2 % at most on 30 healthy axes of other hands; a pendulum of 7 Hz has 15).
+SLOW_HZ, SLOW_FORCE = (10.0, 5.0), 0.07
 #: Seconds of longer windows, and deviations of their energy or mean beyond which a weak force has
 #: acted for a while (training: 24 records without one are below 3.9, of three lost ones above 6).
 LASTING, LASTING_EVENT = 0.5, 5.0

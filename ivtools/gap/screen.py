@@ -134,7 +134,8 @@ def _shapes(
     term: Term, scales: Scales, now: Simulation, lines: dict[str, list[float]]
 ) -> list[dict[str, float]]:
     if term.search == "lines":
-        return [{term.period: p} for p in lines[term.name]]
+        turn = [scales.turn] * any(p.turn for p in term.parameters)
+        return [{term.period: p} for p in (*lines[term.name], *turn) if np.isfinite(p)]
     if term.search == "either":
         return alternatives(term, scales)
     if term.by_inverse:  # a limit of the drive: how much of the force exceeds it
@@ -151,16 +152,9 @@ def _direction(
     fit: Fit, now: Simulation, term: Term, shape: dict[str, float]
 ) -> _Push | _Direction | None:
     """Return the force of an effect, or the change that it makes; None if the loop diverges."""
-    if term.law is not None and term.search != "valleys":
-        linear = [i for i, p in enumerate(term.parameters) if p.linear]
-        names = tuple(term.parameters[i].name for i in linear)
-        forces = as_columns(unit_force(term, i, shape, now) for i in linear or [-1])
-        return _Push(term, shape, names, forces)
-    if term.as_force is not None:
+    if (term.law is not None and term.search != "valleys") or term.as_force is not None:
         names = tuple(p.name for p in term.parameters if p.linear)
-        own = [shape[p.name] for p in term.parameters if not p.linear]
-        forces = term.as_force(now.where, fit.fold.record.dt, fit.values["inertia"], *own)
-        return _Push(term, shape, names, forces)
+        return _Push(term, shape, names, forces(fit, now, term, shape))
     key, fold = (term.name, *shape.items()), fit.fold
     if key not in fold.simulated:
         loop = fit.loop.with_effect(term, **shape)
@@ -170,6 +164,27 @@ def _direction(
     if not np.isfinite(change[-1]):
         return None
     return _Direction(term, shape, (), fold.white(change)[:, None])
+
+
+def forces(fit: Fit, now: Simulation, term: Term, shape: dict[str, float]) -> Array:
+    """Return the forces of an effect that is one, N or N m, per unit of each size, (n_samples, m).
+
+    Parameters
+    ----------
+    fit : Fit
+        Whose motion is `now`.
+    now : Simulation
+    term : Term
+        With a law, or its like.
+    shape : mapping
+        Parameters that are no sizes, by short name.
+    """
+    if term.law is None:
+        assert term.as_force is not None
+        own = [shape[p.name] for p in term.parameters if not p.linear]
+        return np.asarray(term.as_force(now.where, fit.fold.record.dt, fit.values["inertia"], *own))
+    linear = [i for i, p in enumerate(term.parameters) if p.linear]
+    return as_columns(unit_force(term, i, shape, now) for i in linear or [-1])
 
 
 def unit_force(term: Term, index: int, shape: dict[str, float], simulation: Simulation) -> Array:

@@ -198,7 +198,7 @@ PRESLIDING = Term(
             lower=0.0,
             neutral=np.inf,
             scale="stiffness",
-            scan=(0.2, 1.0, 3.0, 10.0),
+            scan=(0.02, 0.2, 1.0, 3.0, 10.0),
         ),
         Parameter(
             "damping", "{F} s/{L}", lower=0.0, neutral=0.0, scale="damping", scan=(0.0, 20.0)

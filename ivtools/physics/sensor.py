@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..compiled import compiled
@@ -23,7 +25,7 @@ ENCODER_ECCENTRICITY = Term(
     (
         Parameter("cosine", "{L}", scale="stroke"),
         Parameter("sine", "{L}", scale="stroke"),
-        PERIOD,
+        replace(PERIOD, turn=True),
     ),
     "q + a cos(2 pi q/p) + b sin(2 pi q/p)",
     "Kavanagh, IEEE Trans. Industrial Electronics 47(4), 2000",

@@ -67,6 +67,8 @@ class Parameter:
     least, most : float
         Smallest and largest value, in multiples of `scale`, at which the effect still is what its
         name says.
+    turn : bool
+        Whether it may be one turn of a revolute joint, whatever `most` is of a stroke.
     rigid : float
         Oscillations in a sample from which more is as good as rigid where a load is known: of a
         frequency; what is stiffer is not told from it, and costs many steps.
@@ -83,6 +85,7 @@ class Parameter:
     nuisance: bool = False
     least: float = -inf
     most: float = inf
+    turn: bool = False
     rigid: float = inf
 
     @property

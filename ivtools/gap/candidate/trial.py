@@ -13,7 +13,7 @@ from ...physics import Term
 from ..discrepancy import Laws, a_line, other_waves, smooth_rest, stands, unlike_smooth
 from ..fit import Fit, common, cost, costs
 from ..fold import Fold, better_t
-from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, LEADING, MOST, STANDARD_ERRORS, Rules
+from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, LEADING, MOST, STANDARD_ERRORS, TURN, Rules
 
 Array = NDArray[np.float64]
 
@@ -143,18 +143,20 @@ class Trial:
     def _beyond(self) -> bool:
         """Whether a parameter is smaller or larger than the effect's name allows on this axis.
 
-        Sizes are those of the record where they are larger: a line comes twice in one of them. Of
-        two parameters of which either does it one is enough: the other may be nothing, or hardly
-        anything.
+        Sizes are those of the record where they are larger: a line comes twice in one of them; one
+        turn of an encoder need come once. Of two parameters of which either does it one is enough:
+        the other may be nothing, or hardly anything.
         """
         found = [fit.fold.scales.sizes for fit in self.fits]
         sizes = {k: max(size[k] for size in found) for k in found[0]}
         pairs = self.term.by_name.items()
         small = any if self.term.search != "either" else all
+        turn = min(fit.fold.scales.turn for fit in self.fits)
 
         def beyond(fit: Fit) -> bool:
             """Whether that holds of one fold."""
-            sized = [(fit.values[n] / sizes[p.scale], p) for n, p in pairs]
+            known = {n for n, p in pairs if p.turn and abs(fit.values[n] - turn) < TURN * turn}
+            sized = [(fit.values[n] / sizes[p.scale], p) for n, p in pairs if n not in known]
             return any(v > p.most for v, p in sized) or small(v < p.least for v, p in sized)
 
         return any(map(beyond, self.fits))

@@ -35,6 +35,7 @@ from ..rules import (
     TO_ZERO,
     WARM,
 )
+from ..screen import forces
 
 Array = NDArray[np.float64]
 
@@ -384,7 +385,8 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
 def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Array]]:
     """Return the errors that waves over position leave which are no effect, per wave and fold.
 
-    Friction that is periodic over position, dry or viscous, looks much like cogging or ripple.
+    Friction that is periodic over position, dry or viscous, looks much like cogging or ripple. A
+    further wave of a line that is named, as its harmonics are, is no further effect.
 
     Parameters
     ----------
@@ -393,13 +395,16 @@ def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Arra
     periods : sequence of float
         Of the wave, m or rad, on each.
     """
-    left: list[list[Array]] = [[], []]
+    found = []
     for f, period in zip(fits, periods, strict=True):
-        forces = Basis({}, (period,)).waves(f.simulation)
-        columns, e = f.beyond_base(f.fold.answers(forces)), f.beyond_base()
-        for found, part in zip(left, (columns[:, :2], columns[:, 2:]), strict=True):
-            found.append(e - part @ normal(part, e))
-    return left
+        now = f.simulation
+        friction = Basis({}, (period,)).waves(now)
+        lines = [t for t in f.loop.terms if t.search == "lines"]
+        named = [forces(f, now, t, {t.period: period}) for t in lines]
+        e, waves = f.beyond_base(), [friction[:, :2], friction[:, 2:], *named]
+        parts = (f.beyond_base(f.fold.answers(wave)) for wave in waves)
+        found.append([e - part @ normal(part, e) for part in parts])
+    return [list(wave) for wave in zip(*found, strict=True)]
 
 
 def _explained(pair: Array) -> float:

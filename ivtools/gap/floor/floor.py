@@ -229,11 +229,14 @@ def _without_slow_forces(x: Array, keep: Mask, dt: float, most: float) -> Array:
     No sensor makes much of it; a force does, which a noise model of a few milliseconds would learn.
     As much as noise has is what the next octave has.
     """
-    slow, both = (_below(x * keep, hz, dt) for hz in (SLOW_HZ, 2.0 * SLOW_HZ))
-    size, next_octave = (float(np.sqrt(np.mean(part[keep] ** 2))) for part in (slow, both - slow))
-    if not size > max(most, next_octave):
-        return x
-    return np.asarray(x - (1.0 - next_octave / size) * slow)
+    for hz in SLOW_HZ:
+        slow, both = (_below(x * keep, h, dt) for h in (hz, 2.0 * hz))
+        size, next_octave = (
+            float(np.sqrt(np.mean(part[keep] ** 2))) for part in (slow, both - slow)
+        )
+        if size > max(most, next_octave):
+            return np.asarray(x - (1.0 - next_octave / size) * slow)
+    return x
 
 
 def _below(x: Array, hz: float, dt: float) -> Array:
