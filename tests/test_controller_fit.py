@@ -12,6 +12,7 @@ from ivtools.gap import parity
 from ivtools.loop import Controller
 from ivtools.loop.identification import linear
 from ivtools.loop.identification.data import Data
+from ivtools.loop.identification.polish import Law, jacobian, moved, names_of, values
 
 UNKNOWN = Controller("identify", {})
 pytestmark = pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
@@ -244,3 +245,18 @@ def test_a_servo_whose_two_gains_are_near_each_other_is_no_pid(kp, ki, clip):
     found = replace(loop, controller=UNKNOWN).identify_controller(record)[1].controller
     assert found.kind == "p-pi"
     assert gains(found) == pytest.approx(gains(law), rel=0.01)
+
+
+@pytest.mark.parametrize("kind", ["p-pi", "pid", "pi-velocity"])
+def test_slopes_are_those_of_a_law_whose_state_is_fitted_anew(kind):
+    """Variable projection against difference quotients of all of it."""
+    loop, _, record = played(2, kind, noise=0.0)
+    law = Law(Data.of(loop, record, logged=False), loop.controller)
+    names = tuple(n for n in names_of(loop.controller) if any(values(loop.controller, (n,))))
+    J = jacobian(law, loop.controller, names)
+    for i, name in enumerate(names):
+        step = np.zeros(len(names))
+        step[i] = 1e-4 * abs(values(loop.controller, (name,))[0])
+        more, less = (law.resids(moved(loop.controller, names, s)) for s in (step, -step))
+        slope = (less - more) / (2.0 * step[i])
+        assert np.linalg.norm(J[:, i] - slope) < 0.03 * np.linalg.norm(slope), name

@@ -9,11 +9,13 @@ import ivtools as iv
 from benchmarks import moves
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
+from ivtools.errors import AxisError
 from ivtools.gap.fold import usable
 from ivtools.gap.response import leaky
 from ivtools.gap.rules import TRANSIENT
 from ivtools.loop import Controller
 from ivtools.loop.axis_file import from_tables
+from ivtools.physics import Parameter, Term
 from ivtools.record import Record
 
 BASE = {"inertia": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
@@ -145,19 +147,30 @@ def test_a_force_of_position_times_speed_is_no_noise(period, power, noise):
     assert gap.verdict not in ("adequate", "explained")
 
 
+def waves(size, low, high):
+    """Return a force of five waves between two frequencies, Hz, that each motion has of its own."""
+
+    def force(v):
+        rng, t = np.random.default_rng([7, len(v), round(1e6 * abs(v).sum())]), np.arange(len(v))
+        each = np.sin(2.0 * np.pi * np.outer(t * moves.DT, rng.uniform(low, high, 5)) + range(5))
+        return size * np.sum(each, axis=1) / np.sqrt(2.5)
+
+    return force
+
+
 @pytest.mark.parametrize("size", [5.0, 15.0])
 def test_a_slow_force_that_follows_nothing_is_no_noise(size, noise):
     """It had been learnt as coloured noise, of five to six times the noise that there is."""
-
-    def force(v):
-        """Return five slow waves, N, that each motion has of its own."""
-        rng, t = np.random.default_rng([7, len(v), round(1e6 * abs(v).sum())]), np.arange(len(v))
-        waves = np.sin(2.0 * np.pi * np.outer(t * moves.DT, rng.uniform(0.3, 1.0, 5)) + range(5))
-        return size * np.sum(waves, axis=1) / np.sqrt(2.5)
-
-    gap = beside_a_force(force)
+    gap = beside_a_force(waves(size, 0.3, 1.0))
     assert gap.floors[0].noise < 4.0 * noise
     assert gap.verdict == "unexplained" and gap.effects == ()
+
+
+def test_nor_is_one_that_stands_out_an_octave_higher(noise):
+    """Of 13 times the noise that there is all had been learnt as such."""
+    gap = beside_a_force(waves(5.0, 5.5, 7.5))
+    assert gap.floors[0].noise < 8.0 * noise
+    assert gap.verdict != "adequate" and gap.effects == ()
 
 
 @pytest.mark.parametrize("size", [0.3, 3.0])
@@ -302,3 +315,58 @@ def test_a_line_that_one_of_two_motions_hardly_repeats_is_found(effect):
         gap = iv.diagnose(one, iv.axes.emps(), two)
         assert gap.effects == (effect,)
         assert gap.parameters[effect]["period"] == pytest.approx(0.055, rel=0.03)
+
+
+# -- lines over position ---------------------------------------------------------------------------
+@pytest.mark.parametrize(("turns", "named"), [(1.1, True), (1.6, True), (1.1, False)])
+def test_one_turn_of_an_encoder_need_come_once(turns, named, monkeypatch):
+    """Any other line must come twice."""
+    monkeypatch.setattr(moves, "SPEEDS", (0.8, 6.0))
+    monkeypatch.setattr(moves, "FORCE_NOISE", 30.0)
+    flat = iv.axes.emps()
+    loop = replace(flat, joint="revolute", controller=replace(flat.controller, limit=np.inf))
+    period = 2.0 * np.pi if named else 0.7 * 2.0 * np.pi * turns
+    off = loop.with_effect("encoder-eccentricity", cosine=0.02, sine=0.015, period=period)
+    theta = off.values({**BASE, "coulomb": 1000.0, "offset": -150.0})
+    stroke = (0.0, 2.0 * np.pi * turns)
+    one, two = (moves.record(off, theta, SECONDS, seed, stroke) for seed in (1, 2))
+    gap = iv.diagnose(one, loop, two)
+    assert gap.effects == ("encoder-eccentricity",) * named
+    if named:
+        assert gap.parameters["encoder-eccentricity"]["cosine"] == pytest.approx(0.02, rel=0.1)
+
+
+def second(q, dq, ddq, sign, tau, t, size):
+    """The second harmonic of a cogging of 12 mm."""
+    return size * np.cos(4.0 * np.pi * q / 0.012 + 1.0)
+
+
+HARMONIC = Term("second", "mechanics", (Parameter("size", "{F}"),), "a wave", "a test", law=second)
+
+
+def test_a_harmonic_is_no_further_effect():
+    """The force of an eccentric encoder, which it resembles, had been named beside it."""
+    loop = iv.axes.emps().with_effect("cogging", cosine=4.0, sine=0.0, period=0.012)
+    loop = loop.with_effect(HARMONIC, size=1.2)
+    theta = loop.values({**BASE, "cogging.cosine": 4.0, "cogging.sine": 0.0, "second.size": 1.2})
+    one, two = (moves.record(loop, theta, SECONDS, seed) for seed in (1, 2))
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert gap.effects == ("cogging",) and not gap.ambiguous_with["cogging"]
+
+
+@pytest.mark.parametrize("stroke", [0.002, 0.01, 0.035])
+def test_bristles_of_any_stiffness_are_found(stroke):
+    """The softest let an axis move by a thirtieth of its stroke before they yield."""
+    stiffness = BASE["coulomb"] / (stroke * (moves.STROKE[1] - moves.STROKE[0]))
+    one, two = pair("presliding", stiffness=stiffness, damping=100.0)
+    gap = iv.diagnose(one, iv.axes.emps(), two)
+    assert gap.effects == ("presliding",)
+    assert gap.parameters["presliding"]["stiffness"] == pytest.approx(stiffness, rel=0.1)
+
+
+def test_a_record_that_is_too_short_for_its_loop_is_refused_in_plain_words():
+    loop = iv.axes.emps()
+    one, _ = pair()
+    slow = replace(loop, controller=replace(loop.controller, settings={"kp": 0.1, "kv": 0.1}))
+    with pytest.raises(AxisError, match="too short for the mode .* whether the axis ran away"):
+        slow.pipeline(one, "record")

@@ -304,6 +304,9 @@ TURN = 0.01
 LINE_BINS = 4
 #: Bumps over a period of a line that are another law (theory: two are the line itself).
 BUMPS = 4
+#: Periods, of that of a line, of the lines that are taken out with it before noise is learnt
+#: (training: a cogging with a second harmonic of 0.3 was learnt as noise, three to eight times it).
+HARMONICS = (1.0, 0.5, 2.0)
 #: Periods per effect that the screening looks at (training).
 LINES = 3
 #: Order of the noise model (EMPS: partial autocorrelations vanish beyond).
@@ -360,7 +363,7 @@ LEARNT = 3
 #: what smooth laws leave of it is no noise (below 5 Hz, MuJoCo: 3.2 % at most on 13 axes with noise
 #: alone, 14 of 16 slow forces, pendulums and second axes above 5; a line that hardly comes again
 #: has 6. Below 10 Hz: 2 % at most on 30 healthy axes of other hands; a pendulum of 7 Hz has 15).
-SLOW_HZ, SLOW_FORCE = (10.0, 5.0), 0.07
+SLOW_HZ, SLOW_FORCE = (5.0, 10.0), 0.07
 #: Seconds of longer windows, and deviations of their energy or mean beyond which a weak force has
 #: acted for a while (training: 24 records without one are below 3.9, of three lost ones above 6).
 LASTING, LASTING_EVENT = 0.5, 5.0

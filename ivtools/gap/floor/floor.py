@@ -29,6 +29,7 @@ from ..rules import (
     FREE,
     FREQUENCIES,
     FULL,
+    HARMONICS,
     LAG_WINDOW,
     LARGEST_ROOT,
     LEARNT,
@@ -180,11 +181,20 @@ def _require(x: Array) -> None:
 
 
 def _lines(fold: Fold, rest: Array, whitener: Array, simulation: Simulation) -> Array:
-    """Return waves over position at the strongest periods, plain, by load and by speed."""
+    """Return waves over position at the strongest periods, plain, by load and by speed.
+
+    With their harmonics, if all of them together are most of the rest: one of a line that is large
+    would be learnt as noise.
+    """
     fold = replace(fold, whitener=whitener)
     white, terms = fold.white(rest), tuple(EFFECTS.values())
     found = spatial_lines.search(fold, white, simulation, terms, count=1)
-    return waves(simulation, terms, found)
+    ways = {name: [k * p for p in periods for k in HARMONICS] for name, periods in found.items()}
+    wide, e = waves(simulation, terms, ways), rest[fold.keep]
+    heard = fold.response(wide)[fold.keep]
+    own = heard @ independent(heard, SAME_LAW)
+    left = e - own @ (own.T @ e)
+    return wide if left @ left < (1.0 - MOST) * float(e @ e) else waves(simulation, terms, found)
 
 
 def _project(columns: Array, fit: Fit, raw: Array, keep: Mask) -> Array:
@@ -227,15 +237,15 @@ def _without_slow_forces(x: Array, keep: Mask, dt: float, most: float) -> Array:
     """Return an error with as much that is slow as noise has, if it is too much to be noise.
 
     No sensor makes much of it; a force does, which a noise model of a few milliseconds would learn.
-    As much as noise has is what the next octave has.
+    As much as noise has is what the next octave has; slow is what lies below the first octave that
+    has less.
     """
     for hz in SLOW_HZ:
-        slow, both = (_below(x * keep, h, dt) for h in (hz, 2.0 * hz))
-        size, next_octave = (
-            float(np.sqrt(np.mean(part[keep] ** 2))) for part in (slow, both - slow)
-        )
-        if size > max(most, next_octave):
-            return np.asarray(x - (1.0 - next_octave / size) * slow)
+        slow, both = (_below(x * keep, top, dt) for top in (hz, 2.0 * hz))
+        parts = (slow[keep], (both - slow)[keep])
+        size, next_octave = (float(np.sqrt(np.mean(part**2))) for part in parts)
+        if size > next_octave:
+            return np.asarray(x - (1.0 - next_octave / size) * slow) if size > most else x
     return x
 
 
