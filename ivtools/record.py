@@ -234,7 +234,7 @@ class Record:
             File with one row per sample; the columns of the EMPS files are recognised.
         columns : mapping of str to str, or RecordFormat, optional
             Names in the file that differ from ours: ``{"q": "position", "nu": "u"}``; a format
-            says units, rate and gaps as well.
+            says units, rate and gaps as well, as that of an axis file, `ClosedLoop.log`, does.
         trusted : bool
             Whether the file is known to be sound: a MATLAB file that is not is read in a process
             of its own, as a damaged one may end that.
