@@ -639,7 +639,8 @@ TO_ZERO = 0.1
 #: alone. An effect without a name that saves as much is an alternative.
 DISCREPANCY_T = 3.0
 #: The same where that is most of the energy: fewer blocks are enough (as of dominant effects: what
-#: depends on the load shows where the axis accelerates).
+#: depends on the load shows where the axis accelerates). Where it is nearly all, `EXPLAINED`,
+#: `STANDARD_ERRORS` are: two blocks of steps may have most of the energy.
 DOMINANT_T = 2.0
 #: A force over so many signals or more may be like anything: names stay beside it if it needs one
 #: signal fewer with them, and removes less with them than alone by at most this share (training: of

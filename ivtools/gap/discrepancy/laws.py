@@ -33,9 +33,11 @@ from ..rules import (
     DISCREPANCY_T,
     DOMINANT_T,
     EVEN,
+    EXPLAINED,
     MOST,
     PENALTIES,
     SPARED,
+    STANDARD_ERRORS,
     UNSHARED,
 )
 from .smooth import OF_USE, Basis, Columns
@@ -215,6 +217,8 @@ def nothing(fits: Sequence[Fit]) -> Spline:
 
 def least_t(share: float) -> float:
     """Return the block t value from which such a share of the energy is saved significantly."""
+    if share >= EXPLAINED:
+        return STANDARD_ERRORS
     return DOMINANT_T if share >= MOST else DISCREPANCY_T
 
 
