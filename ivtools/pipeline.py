@@ -314,12 +314,13 @@ class Pipeline:
         array([49, 59, 69, 79, 89, 99])
         """
         kept = np.concatenate([self._thinned(rows) for rows in self._stretches(n)])
-        _require(
-            len(kept) > 0,
-            "trim",
-            self.trim,
-            f"leaves nothing of {n} samples; trim less or take a longer record",
-        )
+        remedy = "trim less or take a longer record"
+        if self.cutoff_hz:
+            remedy += (
+                f"; where a loop asks for a low-pass as slow as {self.cutoff_hz:g} Hz, check its "
+                "gains, the unit of the command, and whether the axis ran away"
+            )
+        _require(len(kept) > 0, "trim", self.trim, f"leaves nothing of {n} samples; {remedy}")
         if self.min_speed == 0.0:
             return kept
         moving = self.moving(n, speed)[kept]

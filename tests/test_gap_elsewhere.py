@@ -9,7 +9,6 @@ import ivtools as iv
 from benchmarks import moves
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
-from ivtools.errors import AxisError
 from ivtools.gap.fold import usable
 from ivtools.gap.response import leaky
 from ivtools.gap.rules import TRANSIENT
@@ -362,11 +361,3 @@ def test_bristles_of_any_stiffness_are_found(stroke):
     gap = iv.diagnose(one, iv.axes.emps(), two)
     assert gap.effects == ("presliding",)
     assert gap.parameters["presliding"]["stiffness"] == pytest.approx(stiffness, rel=0.1)
-
-
-def test_a_record_that_is_too_short_for_its_loop_is_refused_in_plain_words():
-    loop = iv.axes.emps()
-    one, _ = pair()
-    slow = replace(loop, controller=replace(loop.controller, settings={"kp": 0.1, "kv": 0.1}))
-    with pytest.raises(AxisError, match="too short for the mode .* whether the axis ran away"):
-        slow.pipeline(one, "record")

@@ -149,6 +149,8 @@ class Fold:
         Share of the record that no smooth law of the state explains.
     both : ndarray of bool, (n_samples,), optional
         Samples where, and when, the fold that it is compared with has been as well, if not all.
+    limited : ndarray of bool, (n_samples,), optional
+        Samples that are left out for a limit of the command that the loop was given without.
     against : ndarray, (n_samples,), optional
         A force against the motion that no term of a loop makes, N or N m.
     oversampling : int
@@ -171,6 +173,7 @@ class Fold:
     smooth: float = 1.0
     rough: float = 0.0
     both: Mask | None = None
+    limited: Mask | None = None
     against: Array | None = None
     oversampling: int = 1
     simulated: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False)
@@ -344,14 +347,25 @@ class Fold:
 
     def only(self, keep: Mask, label: str = "") -> Fold:
         """Return the fold of those of its samples that are kept."""
-        return replace(self, keep=self.keep & keep, label=label or self.label)
+        limited = None if self.limited is None else self.limited & keep
+        return replace(self, keep=self.keep & keep, limited=limited, label=label or self.label)
+
+    @property
+    def at_limit_too(self) -> Fold:
+        """The fold with the samples at a limit: there the loop errs as it was given.
+
+        Nothing else is looked for there, so they count where errors are said and nowhere else.
+        """
+        if self.limited is None:
+            return self
+        return replace(self, keep=self.keep | self.limited, limited=None)
 
     @property
     def common(self) -> Fold:
         """The fold of those of its samples where the other one has been as well."""
         if self.both is None:
             return self
-        return replace(self, keep=self.keep & self.both, both=None)
+        return replace(self.only(self.both), both=None)
 
     def stretch(self, start: int, stop: int) -> Fold:
         """Return the fold of some samples in a row."""
@@ -359,7 +373,8 @@ class Fold:
         place = None if self.place is None else self.place[rows]
         against = None if self.against is None else self.against[rows]
         part, keep = self.record.slice(start, stop), self.keep[rows]
-        return replace(self, record=part, keep=keep, place=place, both=None, against=against)
+        known = replace(self, both=None, limited=None)
+        return replace(known, record=part, keep=keep, place=place, against=against)
 
 
 def block_t(sums: Array) -> float:

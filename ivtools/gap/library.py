@@ -57,11 +57,11 @@ class Scales:
         return sizes(self.record, q, dq, tau, command, self.loop.start.get("coulomb", 0.0))
 
     @property
-    def turn(self) -> float:
-        """One turn of a revolute joint, rad, if the stroke holds it; else infinite."""
+    def turns(self) -> tuple[float, ...]:
+        """One turn of a revolute joint, rad, if the stroke holds it."""
         whole = 2.0 * np.pi
         holds = self.loop.joint == "revolute" and self.sizes["stroke"] >= whole
-        return whole if holds else float("inf")
+        return (whole,) if holds else ()
 
     def column(self, term: Term, index: int, shape: dict[str, float]) -> Array:
         """Return the force per unit of one linear parameter along the reference, (n_samples,)."""

@@ -16,7 +16,7 @@ from .attribute import Attribution
 from .candidate import gone_on, phases
 from .fit import Fit, gauss_newton
 from .floor import Floor, Measured
-from .fold import Fold, usable
+from .fold import Fold
 from .rules import ADEQUATE_NAMED, CLEAN, CONFIDENCE, CORRECTED, LEAST_BLOCKS, RETUNED
 
 Array = NDArray[np.float64]
@@ -203,23 +203,10 @@ class Traces:
     spectra: tuple[Array, Array, Array, Array]
 
 
-def declared(loop: ClosedLoop, m: Measured, fold: Fold | None = None) -> Fit:
-    """Fit the loop as it was given to a record, or to some of its samples."""
-    fold = replace(fold or limited(m, m.fold), record=m.logged)
+def declared(loop: ClosedLoop, m: Measured, fold: Fold) -> Fit:
+    """Fit a loop that the record did not put right, to samples of it."""
+    fold = replace(fold, record=m.logged)
     return gauss_newton(fold, loop, m.base.values, m.base.free)
-
-
-def limited(m: Measured, fold: Fold) -> Fold:
-    """Return a fold of a record with the samples at a limit which the loop was given without.
-
-    Nothing else is looked for there, but the errors of the loop as it was given are.
-    """
-    law = m.parity.loop
-    if m.parity.limit is None:
-        return fold
-    given = replace(law, controller=replace(law.controller, limit=m.parity.declared.limit))
-    counts = usable(fold.record, given) & ~usable(fold.record, law)
-    return replace(fold, keep=fold.keep | counts)
 
 
 def how_far(
@@ -234,7 +221,7 @@ def how_far(
 
     If nothing is named it does not, but for what was put right of the controller, if that helps.
     """
-    fold = limited(measured[-1], fold)
+    fold = fold.at_limit_too
     after = _judged(_tuned(measured, result), fold)
     before = replace(plain, fold=replace(plain.fold, keep=fold.keep))
     parity = measured[-1].parity
@@ -308,12 +295,12 @@ def _handed_over(fit: Fit, own: Fit) -> dict[str, float]:
 
 def judge(loop: ClosedLoop, third: Measured, result: Attribution) -> Judged:
     """Return the figures of a record that took part in nothing."""
-    plain = declared(loop, third)
+    fold = third.fold.at_limit_too
+    plain = declared(loop, third, fold)
     fit = result.fits[0]
     free = [n for n in fit.free if n in loop.parameters or n in phases(fit.loop)]
     model = replace(fit.loop, controller=third.base.loop.controller)
     start = {**fit.values, **{n: third.base.values[n] for n in third.base.free}}
-    fold = limited(third, third.fold)
     after = replace(gone_on(gauss_newton(third.fold, model, start, free)), fold=fold)
     still = replace(after, values=_handed_over(fit, after))
     e, kept = after.force_error, still.force_error

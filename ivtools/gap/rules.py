@@ -304,9 +304,10 @@ TURN = 0.01
 LINE_BINS = 4
 #: Bumps over a period of a line that are another law (theory: two are the line itself).
 BUMPS = 4
-#: Periods, of that of a line, of the lines that are taken out with it before noise is learnt
-#: (training: a cogging with a second harmonic of 0.3 was learnt as noise, three to eight times it).
-HARMONICS = (1.0, 0.5, 2.0)
+#: Periods, of that of the strongest line, of the lines that are taken out with it before noise is
+#: learnt: its second harmonic, or what it is that of (training: a cogging with a second harmonic of
+#: 0.3 was learnt as noise, three to eight times as large as that is).
+RELATED_PERIODS = (1.0, 0.5, 2.0)
 #: Periods per effect that the screening looks at (training).
 LINES = 3
 #: Order of the noise model (EMPS: partial autocorrelations vanish beyond).
@@ -639,9 +640,11 @@ TO_ZERO = 0.1
 #: alone. An effect without a name that saves as much is an alternative.
 DISCREPANCY_T = 3.0
 #: The same where that is most of the energy: fewer blocks are enough (as of dominant effects: what
-#: depends on the load shows where the axis accelerates). Where it is nearly all, `EXPLAINED`,
-#: `STANDARD_ERRORS` are: two blocks of steps may have most of the energy.
+#: depends on the load shows where the axis accelerates).
 DOMINANT_T = 2.0
+#: The same for a force that describes nearly all of what is left, `EXPLAINED` (judgement: a gain
+#: that falls with the speed left 4 %, at 1.8, for two steps had most of the energy).
+NEARLY_ALL_T = 1.0
 #: A force over so many signals or more may be like anything: names stay beside it if it needs one
 #: signal fewer with them, and removes less with them than alone by at most this share (training: of
 #: 13 true names behind a real background that were lost for 0.01 to 0.1 seven spare it one; of 36

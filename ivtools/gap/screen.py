@@ -134,8 +134,8 @@ def _shapes(
     term: Term, scales: Scales, now: Simulation, lines: dict[str, list[float]]
 ) -> list[dict[str, float]]:
     if term.search == "lines":
-        turn = [scales.turn] * any(p.turn for p in term.parameters)
-        return [{term.period: p} for p in (*lines[term.name], *turn) if np.isfinite(p)]
+        turns = scales.turns if any(p.turn for p in term.parameters) else ()
+        return [{term.period: p} for p in (*lines[term.name], *turns)]
     if term.search == "either":
         return alternatives(term, scales)
     if term.by_inverse:  # a limit of the drive: how much of the force exceeds it
@@ -154,7 +154,7 @@ def _direction(
     """Return the force of an effect, or the change that it makes; None if the loop diverges."""
     if (term.law is not None and term.search != "valleys") or term.as_force is not None:
         names = tuple(p.name for p in term.parameters if p.linear)
-        return _Push(term, shape, names, forces(fit, now, term, shape))
+        return _Push(term, shape, names, unit_forces(fit, now, term, shape))
     key, fold = (term.name, *shape.items()), fit.fold
     if key not in fold.simulated:
         loop = fit.loop.with_effect(term, **shape)
@@ -166,7 +166,7 @@ def _direction(
     return _Direction(term, shape, (), fold.white(change)[:, None])
 
 
-def forces(fit: Fit, now: Simulation, term: Term, shape: dict[str, float]) -> Array:
+def unit_forces(fit: Fit, now: Simulation, term: Term, shape: dict[str, float]) -> Array:
     """Return the forces of an effect that is one, N or N m, per unit of each size, (n_samples, m).
 
     Parameters
@@ -179,8 +179,7 @@ def forces(fit: Fit, now: Simulation, term: Term, shape: dict[str, float]) -> Ar
     shape : mapping
         Parameters that are no sizes, by short name.
     """
-    if term.law is None:
-        assert term.as_force is not None
+    if term.as_force is not None:
         own = [shape[p.name] for p in term.parameters if not p.linear]
         return np.asarray(term.as_force(now.where, fit.fold.record.dt, fit.values["inertia"], *own))
     linear = [i for i, p in enumerate(term.parameters) if p.linear]

@@ -151,7 +151,7 @@ class Trial:
         sizes = {k: max(size[k] for size in found) for k in found[0]}
         pairs = self.term.by_name.items()
         small = any if self.term.search != "either" else all
-        turn = min(fit.fold.scales.turn for fit in self.fits)
+        turn = max((x for fit in self.fits for x in fit.fold.scales.turns), default=np.inf)
 
         def beyond(fit: Fit) -> bool:
             """Whether that holds of one fold."""

@@ -18,7 +18,7 @@ from ..floor import Measured, Ready, audible, beside_silent, masked, measure, pr
 from ..parity import Parity
 from ..preflight import Finding
 from ..rules import AUDIBLE, FAINT, PARITY_POOR, SATURATED, TOLERANCE, Rules
-from .input import Input, readied
+from .input import Input, bounded, readied
 from .refused import refused
 from .task import Inspected, Say, Task, mute
 
@@ -86,61 +86,79 @@ def begin(task: Task, progress: Say | None = None) -> Begun | Diagnosis:
         raise IVToolsError(f"{asked} tells nothing; give a number, 0 or more")
     for one in task.given.values():
         preflight.require(one)
-    if preflight.lawless(task.record, task.loop):
+    now = bounded(task)
+    if preflight.lawless(now.task.record, task.loop):
         text = "no reference is in the record, so no control law can be read from it; for the "
         remedy = 'force over the motion alone write [controller] kind = "none"'
-        return refused(task.record, task.loop, (), [Finding(text + remedy)])
+        return refused(now.task.record, task.loop, (), [Finding(text + remedy), *now.said])
     say("controller parity")
-    given = readied(task)
+    now = readied(now)
     known = task.inspected
-    inspected = _inspected(given) if known is None else known.under(given.loop)
+    inspected = _inspected(now) if known is None else known.under(now.loop)
     found = list(inspected.found)
     if not any(f.fatal for f in found):
         say("base model and floor")
         try:
-            return _measured(given, inspected)
+            loop, every = _measured(now, inspected, found)
         except IVToolsError as error:
             found.append(Finding(str(error)))
-    found += [*_shown(given, inspected.checked, inspected.checked), *given.said]
-    checked = inspected.checked[: len(given.task.records)]
-    return refused(given.task.record, given.loop, checked, found)
+        else:
+            return _begun(now, inspected, found, loop, every)
+    found += [*_shown(now, inspected.checked, inspected.checked), *now.said]
+    checked = inspected.checked[: len(now.task.records)]
+    return refused(now.task.record, now.loop, checked, found)
 
 
-def _measured(given: Input, inspected: Inspected) -> Begun:
-    """Fit the base model to records that are not refused, and measure their floor."""
-    task, records, rules = given.task, given.task.records, given.task.rules
-    links = task.links or [None] * len(given.given)
+def _measured(
+    now: Input, inspected: Inspected, found: list[Finding]
+) -> tuple[ClosedLoop, tuple[Measured, ...]]:
+    """Fit the base model to each record, and measure its floor; add to what is found."""
+    task, records = now.task, now.task.records
+    links = task.links or [None] * len(now.records)
     ready = [
         prepared(one, p, records)._replace(link=link)
-        for one, p, link in zip(given.given, inspected.checked, links, strict=True)
+        for one, p, link in zip(now.records, inspected.checked, links, strict=True)
     ]
-    loop = _comparable(preflight.identifiable(records, given.loop), ready[0])
+    if now.loop.controller.kind != "none" and any(r.driven for r in ready):
+        found.append(preflight.HELD)
+    loop = _comparable(preflight.identifiable(records, now.loop), ready[0])
     every = tuple(threaded(measure, ready))
-    measured = _confirmed(loop, every[: len(records)])
-    held = given.loop.controller.kind != "none" and any(r.driven for r in ready)
-    shown = _shown(given, inspected.checked, [m.parity for m in measured])
-    found = [*inspected.found, *([preflight.HELD] if held else []), *shown, *given.said]
-    if any(p.clipped > SATURATED for p in inspected.checked[: len(records)]):
+    return loop, (*_confirmed(loop, every[: len(records)]), *every[len(records) :])
+
+
+def _begun(
+    now: Input,
+    inspected: Inspected,
+    found: list[Finding],
+    loop: ClosedLoop,
+    every: tuple[Measured, ...],
+) -> Begun:
+    """Compare the records with each other."""
+    task, rules, count = now.task, now.task.rules, len(now.task.records)
+    measured = every[:count]
+    shown = _shown(now, inspected.checked, [m.parity for m in measured])
+    if any(p.clipped > SATURATED for p in inspected.checked[:count]):
         rules = replace(rules, most=0)  # the gap tells nothing of the axis
     fine = min(task.tolerance, TOLERANCE)  # above the default it changes the words only
     rules = replace(rules, worth=rules.worth * fine / TOLERANCE)
     least = AUDIBLE * fine / 100.0
     strangers: tuple[Finding, ...] = ()
-    if len(measured) == 2:
+    if count == 2:
         strangers = tuple(preflight.same_axis([m.base for m in measured]))
         level = floor.between(*(m.base for m in measured))
         measured = tuple(replace(m, floor=replace(m.floor, between=level)) for m in measured)
     measured = tuple(audible(m, least) for m in measured)
-    if len(measured) == 2:
+    if count == 2:
         a, b = measured
         measured = beside_silent(a, b, least), beside_silent(b, a, least)
     third = None if task.judge is None else every[-1]
+    found = [*found, *shown, *now.said]
     return Begun(task, loop, measured, third, rules, found, inspected, strangers)
 
 
-def _inspected(given: Input) -> Inspected:
+def _inspected(now: Input) -> Inspected:
     """Return what is wrong with the records, or worth a word, by the record's name."""
-    task, loop, records = given.task, given.loop, given.given
+    task, loop, records = now.task, now.loop, now.records
     identified = task.loop.controller.kind == "identify"
 
     def known(record: Record, p: Parity) -> Parity:
@@ -148,10 +166,11 @@ def _inspected(given: Input) -> Inspected:
 
         What a law that was read from another record leaves may be a little more.
         """
-        doubted = p.after > PARITY_POOR if identified else parity.doubted(record, p)
+        gross = p.after > PARITY_POOR and record is not task.record
+        doubted = gross if identified else parity.doubted(record, p)
         return parity.check(record, loop, oversampling=1) if doubted else p
 
-    checked = tuple(threaded(known, records, given.compared))
+    checked = tuple(threaded(known, records, now.compared))
     found = _by_record(
         records, threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
     )
@@ -164,14 +183,14 @@ def _inspected(given: Input) -> Inspected:
     return Inspected(checked, tuple(found))
 
 
-def _shown(given: Input, found: Sequence[Parity], kept: Sequence[Parity]) -> list[Finding]:
+def _shown(now: Input, found: Sequence[Parity], kept: Sequence[Parity]) -> list[Finding]:
     """Return what is said of other laws that records show, taken or not."""
-    task = given.task
+    task = now.task
     read = task.record.name if task.loop.controller.kind == "identify" else ""
     pairs = zip(found, kept, strict=False)
     same = [(p, (k.taken, k.mismatch) == (p.taken, p.mismatch)) for p, k in pairs]
     said = [preflight.other_law(p, kept, read) for p, kept in same]
-    return _by_record(given.given, said)
+    return _by_record(now.records, said)
 
 
 def _by_record(given: Collection[Record], found: Iterable[list[Finding]]) -> list[Finding]:

@@ -145,7 +145,8 @@ def _that_lower(
 ) -> _Outcome:
     """Return the names that lower the force error, by more than links may; if they do not, none."""
     at_controller, values = parity_shows
-    plain, effects = quantify.declared(loop, measured[-1]), (*at_controller, *result.named)
+    last, effects = measured[-1], (*at_controller, *result.named)
+    plain = quantify.declared(loop, last, last.fold.at_limit_too)
     shrink, traces = quantify.how_far(plain, measured, result, fold, held_out, bool(effects))
     tried = result.named if measured[-1].driven else effects  # its controller changes nothing
     removed = cost(result.base) - cost(result.held)

@@ -46,35 +46,34 @@ class Input:
     said: tuple[Finding, ...] = ()
 
     @property
-    def given(self) -> tuple[Record, ...]:
+    def records(self) -> tuple[Record, ...]:
         """Every record that there is."""
         return tuple(self.task.given.values())
 
     def then(
-        self, said: Iterable[Finding] = (), asked: Mapping[str, Any] | None = None, **changed: Any
+        self, said: Iterable[Finding] = (), task: Mapping[str, Any] | None = None, **changed: Any
     ) -> Input:
         """Return it after a step: what is said of that, and what changed of the task and of it."""
-        task = replace(self.task, **(asked or {}))
-        return replace(self, task=task, said=(*self.said, *said), **changed)
+        changed["task"] = replace(self.task, **(task or {}))
+        return replace(self, said=(*self.said, *said), **changed)
 
 
-def readied(task: Task) -> Input:
-    """Return the input of a task.
+def readied(now: Input) -> Input:
+    """Return an input that can be compared.
 
     Raises
     ------
     IVToolsError
         If a law that is to be identified cannot be, or no position can be followed.
     """
-    steps = (_bounded, _near, _finer, _followed, _both_ways, _as_it_acted)
-    given = Input(task, task.loop)
-    return reduce(lambda given, step: step(given), steps, given)
+    steps = (_near, _finer, _followed, _both_ways, _as_it_acted)
+    return reduce(lambda now, step: step(now), steps, now)
 
 
-def _bounded(given: Input) -> Input:
-    """Take one stretch of each record, not too long."""
-    samples = given.task.rules.samples
-    for role, one in given.task.given.items():
+def bounded(task: Task) -> Input:
+    """Return the input of a task: one stretch of each record, not too long."""
+    now, samples = Input(task, task.loop), task.rules.samples
+    for role, one in now.task.given.items():
         said = []
         if one.breaks:
             said.append(
@@ -87,144 +86,144 @@ def _bounded(given: Input) -> Input:
                 f"{one.name} has {one.longest.n_samples} samples: the {part.n_samples} in which "
                 f"it moves most, from {part.t[0]:.6g} to {part.t[-1]:.6g} s, are diagnosed"
             )
-        given = given.then([Finding(line, fatal=False) for line in said], {role: part})
-    return given
+        now = now.then([Finding(line, fatal=False) for line in said], {role: part})
+    return now
 
 
-def _near(given: Input) -> Input:
+def _near(now: Input) -> Input:
     """Count positions from near.
 
     A robot's have their origin from its links, and a simulator that is run asks for its own.
     """
-    task = given.task
+    task = now.task
     if task.links or task.whole:
-        return given
+        return now
     origin = preflight.origin(task.record, (*task.loop.terms, *task.extra), task.loop)
     if not origin:
-        return given
+        return now
     counted = {role: preflight.counted(one, origin) for role, one in task.given.items()}
-    return given.then([preflight.near(origin, task.loop)], counted)
+    return now.then([preflight.near(origin, task.loop)], counted)
 
 
-def _finer(given: Input) -> Input:
+def _finer(now: Input) -> Input:
     """Take references as the controller had them."""
-    for role, one in given.task.given.items():
-        finer, said = preflight.finer(one, given.loop)
-        given = given.then(preflight.named(said, one), {role: finer})
-    return given
+    for role, one in now.task.given.items():
+        finer, said = preflight.finer(one, now.loop)
+        now = now.then(preflight.named(said, one), {role: finer})
+    return now
 
 
-def _followed(given: Input) -> Input:
+def _followed(now: Input) -> Input:
     """Take positions that a law follows, and the law itself, which may be read from a record."""
-    task = given.task
+    task = now.task
     law = preflight.identified(task.record, task.loop)
     known = task.loop.known(task.record)
     followed = {role: preflight.followed(one, known) for role, one in task.given.items()}
     said = [*law, *followed["record"][1]]
-    return given.then(said, {role: one for role, (one, _) in followed.items()}, loop=known)
+    return now.then(said, {role: one for role, (one, _) in followed.items()}, loop=known)
 
 
-def _both_ways(given: Input) -> Input:
+def _both_ways(now: Input) -> Input:
     """Leave out a record that moves in one direction only.
 
     The model would lack on the other one what such a record cannot tell from Coulomb friction.
     """
-    records = given.task.records
+    records = now.task.records
     oneway = [preflight.one_way(r) for r in records]
-    lost = {*given.loop.names} - {*preflight.identifiable(records, given.loop).names}
+    lost = {*now.loop.names} - {*preflight.identifiable(records, now.loop).names}
     if all(oneway) or not lost:
-        return given
+        return now
     at = oneway.index(True)
     left, kept = records[at], records[1 - at]
-    links = [link for k, link in enumerate(given.task.links) if k != at]
+    links = [link for k, link in enumerate(now.task.links) if k != at]
     said = preflight.only_one_way(f", so {kept.name} is diagnosed alone")
     alone = {"record": kept, "holdout": None, "links": links}
-    return given.then(preflight.named([said], left), alone)
+    return now.then(preflight.named([said], left), alone)
 
 
-def _as_it_acted(given: Input) -> Input:
+def _as_it_acted(now: Input) -> Input:
     """Take records and law as the controller acted.
 
     Joints of a robot have one log, and one controller: what another joint showed holds.
     """
-    if given.task.inspected is not None:
-        return given
-    given = _at_rate(_derived(given))
-    fast = any(p.oversampling > 1 for p in given.compared)
-    if fast or given.task.links or given.loop.controller.kind == "none":
-        return given
-    return _on_time(_at_limit(_in_place(given)))
+    if now.task.inspected is not None:
+        return now
+    now = _at_rate(_derived(now))
+    fast = any(p.oversampling > 1 for p in now.compared)
+    if fast or now.task.links or now.loop.controller.kind == "none":
+        return now
+    return _on_time(_at_limit(_in_place(now)))
 
 
-def _compared(given: Input, loop: ClosedLoop) -> list[Parity]:
+def _compared(now: Input, loop: ClosedLoop) -> list[Parity]:
     """Return how a law compares with each record, at the rate of its controller."""
-    rate = parity.at_rate(given.task.loop)
-    checked = threaded(lambda one: parity.check(one, loop, False, rate), given.given)
+    rate = parity.at_rate(now.task.loop)
+    checked = threaded(lambda one: parity.check(one, loop, False, rate), now.records)
     fast = [p for p in checked if p.oversampling > 1]
     if not fast:
         return checked
     rate = min(fast, key=lambda p: p.after).oversampling  # noise hides it in the others
-    pairs = zip(given.given, checked, strict=True)
+    pairs = zip(now.records, checked, strict=True)
     return [p if p.oversampling == rate else parity.check(r, loop, False, rate) for r, p in pairs]
 
 
-def _derived(given: Input) -> Input:
+def _derived(now: Input) -> Input:
     """Derive the reference as records show."""
-    loop, compared = given.loop, _compared(given, given.loop)
-    compare = partial(_compared, given)
-    again = parity.otherwise_derived(given.task.record, loop, compared, compare)
+    loop, compared = now.loop, _compared(now, now.loop)
+    compare = partial(_compared, now)
+    again = parity.otherwise_derived(now.task.record, loop, compared, compare)
     if not again:
-        return given.then(compared=compared)
+        return now.then(compared=compared)
     other = replace(loop, controller=again[0].declared)
     before, after = (max(p.after for p in each) for each in (compared, again))
     said = preflight.derived(other.controller, before, after)
-    return given.then([said], loop=other, compared=again)
+    return now.then([said], loop=other, compared=again)
 
 
-def _at_rate(given: Input) -> Input:
+def _at_rate(now: Input) -> Input:
     """Say at which rate the controller acted, and leave out a filter that the log's cannot have."""
-    rate = max(p.oversampling for p in given.compared)
+    rate = max(p.oversampling for p in now.compared)
     if rate > 1:
-        return given.then([preflight.faster(rate)])
-    loop, dt = given.loop, given.task.record.dt
+        return now.then([preflight.faster(rate)])
+    loop, dt = now.loop, now.task.record.dt
     beyond = loop.controller.filter
     if beyond is None or beyond.fits(dt):
-        return given
+        return now
     shown = replace(loop, controller=loop.controller.shown(dt))
-    return given.then([preflight.beyond_the_log(beyond.hz, 1.0 / dt)], loop=shown)
+    return now.then([preflight.beyond_the_log(beyond.hz, 1.0 / dt)], loop=shown)
 
 
-def _in_place(given: Input) -> Input:
+def _in_place(now: Input) -> Input:
     """Take references where the control law takes them, and how it compares then."""
-    loop, checked = given.loop, given.compared
-    roles = tuple(given.task.given)
-    pairs = zip(given.given, checked, strict=True)
+    loop, checked = now.loop, now.compared
+    roles = tuple(now.task.given)
+    pairs = zip(now.records, checked, strict=True)
     moved = [preflight.misplaced(one, loop, p) for one, p in pairs]
     if not any(moved):
-        return given
+        return now
     known = min(filter(None, moved), key=lambda one: one.checked.after).samples
     found, said, placed = list(checked), [], {}
-    for k, one in enumerate(given.given):
+    for k, one in enumerate(now.records):
         if own := moved[k] or preflight.misplaced(one, loop, checked[k], known):
             placed[roles[k]], found[k] = own.record, own.checked
             text = preflight.elsewhere(own.samples, checked[k].after, own.checked.after)
             said += preflight.named([text], one)
-    return given.then(said, placed, compared=found)
+    return now.then(said, placed, compared=found)
 
 
-def _at_limit(given: Input) -> Input:
-    """Take the limit of the command that records show."""
-    loop, compared = given.loop, given.compared
-    records, other, checked = parity.at_limit(given.given, loop, compared)
+def _at_limit(now: Input) -> Input:
+    """Take what an integrator does at a limit, and whether an added input goes through that."""
+    loop, compared = now.loop, now.compared
+    records, other, checked = parity.at_limit(now.records, loop, compared)
     if other is loop:
-        return given
+        return now
     before, after = (max(p.after for p in each) for each in (compared, checked))
     said = preflight.limited(loop.controller, other.controller, before, after)
-    limited = dict(zip(given.task.given, records, strict=True))
-    return given.then([said], limited, loop=other, compared=checked)
+    limited = dict(zip(now.task.given, records, strict=True))
+    return now.then([said], limited, loop=other, compared=checked)
 
 
-def _on_time(given: Input) -> Input:
+def _on_time(now: Input) -> Input:
     """Take commands as they acted where the log has them late.
 
     A command that follows the position by other samples than the axis file says was given at
@@ -232,25 +231,25 @@ def _on_time(given: Input) -> Input:
     phase. Logged it is if the base model leaves less then (training: all but one of 147 logs that
     are late or early do, and one of 40 whose axis file has another delay).
     """
-    logged, loop = given.given, given.loop
-    roles = tuple(given.task.given)
-    late = threaded(preflight.lateness, logged, [loop] * len(logged), given.compared)
+    logged, loop = now.records, now.loop
+    roles = tuple(now.task.given)
+    late = threaded(preflight.lateness, logged, [loop] * len(logged), now.compared)
     for samples in sorted({one.samples for one in late if one}):
         moved = {k: one for k, one in enumerate(late) if one and one.samples == samples}
         acted = [(one.record, one.checked) for one in moved.values()]
         if any(f.fatal for one, p in acted for f in preflight.inspect(one, loop, p)):
             continue
-        before = [(logged[k], given.compared[k]) for k in moved]
+        before = [(logged[k], now.compared[k]) for k in moved]
         with suppress(IVToolsError):  # which the diagnosis will say
-            left = _left(acted, given.task.records) / _left(before, given.task.records)
+            left = _left(acted, now.task.records) / _left(before, now.task.records)
             if left < 1.0:
                 records = {roles[k]: one.record for k, one in moved.items()}
-                pairs = enumerate(given.compared)
+                pairs = enumerate(now.compared)
                 checked = [moved[k].checked if k in moved else p for k, p in pairs]
                 text = preflight.late(samples, left)
                 said = [f for one, _ in before for f in preflight.named([text], one)]
-                given = given.then(said, records, compared=checked)
-    return given
+                now = now.then(said, records, compared=checked)
+    return now
 
 
 def _left(compared: Sequence[tuple[Record, Parity]], records: Sequence[Record]) -> float:

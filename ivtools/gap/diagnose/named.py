@@ -132,8 +132,9 @@ def _alone(begun: Begun, both: Attribution) -> Named | None:
 
 def _limits(loop: ClosedLoop, one: Measured) -> bool:
     """Whether what was put right of the controller lowers the force error of a record."""
-    right = replace(one.base, fold=quantify.limited(one, one.fold))
-    return right.force_rms < (1.0 - FAINT) * quantify.declared(loop, one).force_rms
+    fold = one.fold.at_limit_too
+    right, given = replace(one.base, fold=fold), quantify.declared(loop, one, fold)
+    return right.force_rms < (1.0 - FAINT) * given.force_rms
 
 
 def _hidden(other: Measured, result: Attribution) -> bool:

@@ -82,7 +82,7 @@ def diagnose(
     >>> gap.effects
     ('asymmetric-viscous',)
     """
-    limits = rules or Rules()
+    thresholds = rules or Rules()
 
     def found(
         one: Record,
@@ -93,7 +93,7 @@ def diagnose(
     ) -> Diagnosis:
         """Diagnose one record beside another; without names or descriptions where asked."""
         whole = simulated is not None
-        kept = limits if named else replace(limits, most=0)
+        kept = thresholds if named else replace(thresholds, most=0)
         asked = (tolerance, kept, extra, without)
         task = Task(one, loop, other, judge, *asked, whole=whole, described=described)
         return finish(begin(task, progress), progress)
@@ -104,7 +104,7 @@ def diagnose(
         raise RecordError("a judge tells of a model of this toolkit; leave it out with simulated")
     if not isinstance(simulated, Simulator):
         logs = (simulated, simulated_holdout)
-        return against(record, loop, holdout, *logs, found, limits)
+        return against(record, loop, holdout, *logs, found, thresholds)
     if simulated_holdout is not None:
         raise RecordError(
             "simulated is a simulator, which is run on the holdout as well; "
@@ -112,5 +112,5 @@ def diagnose(
         )
     other = None if holdout is None else run(simulated, holdout)
     logs = (run(simulated, record), other)
-    lacks = against(record, loop, holdout, *logs, found, limits)
+    lacks = against(record, loop, holdout, *logs, found, thresholds)
     return replace(lacks, confirmed=confirm(lacks, simulated, holdout or record))

@@ -1,4 +1,4 @@
-"""Task: what a diagnosis is asked."""
+"""Task: what a diagnosis is asked, what is known beforehand, and whom it tells how far it is."""
 
 from __future__ import annotations
 

@@ -35,9 +35,9 @@ from ..rules import (
     EVEN,
     EXPLAINED,
     MOST,
+    NEARLY_ALL_T,
     PENALTIES,
     SPARED,
-    STANDARD_ERRORS,
     UNSHARED,
 )
 from .smooth import OF_USE, Basis, Columns
@@ -217,8 +217,6 @@ def nothing(fits: Sequence[Fit]) -> Spline:
 
 def least_t(share: float) -> float:
     """Return the block t value from which such a share of the energy is saved significantly."""
-    if share >= EXPLAINED:
-        return STANDARD_ERRORS
     return DOMINANT_T if share >= MOST else DISCREPANCY_T
 
 
@@ -389,7 +387,9 @@ class _Search:
 
     def _tells(self, now: Spline, then: Spline) -> bool:
         """Whether a further signal predicts held-out data significantly better."""
-        return better_t(self.folds, now.left, then.left) >= least_t(then.gain - now.gain)
+        more = then.gain - now.gain
+        least = NEARLY_ALL_T if more >= EXPLAINED else least_t(more)
+        return better_t(self.folds, now.left, then.left) >= least
 
     def ahead(self, now: Spline) -> Iterator[Spline]:
         """Yield the splines over one more signal that gain something, the best one first."""

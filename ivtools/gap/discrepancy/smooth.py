@@ -35,7 +35,7 @@ from ..rules import (
     TO_ZERO,
     WARM,
 )
-from ..screen import forces
+from ..screen import unit_forces
 
 Array = NDArray[np.float64]
 
@@ -400,7 +400,7 @@ def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Arra
         now = f.simulation
         friction = Basis({}, (period,)).waves(now)
         lines = [t for t in f.loop.terms if t.search == "lines"]
-        named = [forces(f, now, t, {t.period: period}) for t in lines]
+        named = [unit_forces(f, now, t, {t.period: period}) for t in lines]
         e, waves = f.beyond_base(), [friction[:, :2], friction[:, 2:], *named]
         parts = (f.beyond_base(f.fold.answers(wave)) for wave in waves)
         found.append([e - part @ normal(part, e) for part in parts])

@@ -29,15 +29,16 @@ from ..rules import (
     FREE,
     FREQUENCIES,
     FULL,
-    HARMONICS,
     LAG_WINDOW,
     LARGEST_ROOT,
     LEARNT,
     LEAST_LEFT,
+    LINE_PERIODS,
     MOST,
     NOISE_ORDER,
     PER_COEFFICIENT,
     QUIET,
+    RELATED_PERIODS,
     SAME_LAW,
     SHOWN,
     SLOW_FORCE,
@@ -183,13 +184,17 @@ def _require(x: Array) -> None:
 def _lines(fold: Fold, rest: Array, whitener: Array, simulation: Simulation) -> Array:
     """Return waves over position at the strongest periods, plain, by load and by speed.
 
-    With their harmonics, if all of them together are most of the rest: one of a line that is large
-    would be learnt as noise.
+    With those that are related to them, if all together are most of the rest: the harmonic of a
+    large line would be learnt as noise.
     """
     fold = replace(fold, whitener=whitener)
     white, terms = fold.white(rest), tuple(EFFECTS.values())
     found = spatial_lines.search(fold, white, simulation, terms, count=1)
-    ways = {name: [k * p for p in periods for k in HARMONICS] for name, periods in found.items()}
+    longest = float(np.ptp(simulation.where)) / LINE_PERIODS
+    ways = {
+        name: [k * p for p in periods for k in RELATED_PERIODS if k * p <= longest]
+        for name, periods in found.items()
+    }
     wide, e = waves(simulation, terms, ways), rest[fold.keep]
     heard = fold.response(wide)[fold.keep]
     own = heard @ independent(heard, SAME_LAW)

@@ -201,7 +201,10 @@ class LinearLaw:
     def freely(
         self, inputs: Array, state: Array, clipped: Clipped | None = None
     ) -> tuple[Array, Array]:
-        """Return the command from a state on, (n_samples,), and how it answers to that, (.., n)."""
+        """Return the command from a state on, (n_samples,), and its answers to that.
+
+        Those are (n_samples, n), to a unit of each state.
+        """
         given, frozen = self._march(inputs, state, clipped)
         answers = [self._free(e, frozen, clipped) for e in np.eye(len(state))]
         return given, np.array(answers).reshape(len(state), len(given)).T

@@ -317,6 +317,7 @@ class _Whole(Law):
         )
 
     def began(self, controller: Controller) -> tuple[Array, Array]:
+        """Return the settled state; of others nothing need be projected out here."""
         law, inputs, _ = self._known(controller)
         return law.settled(inputs[0]), np.zeros((len(inputs), 0))
 

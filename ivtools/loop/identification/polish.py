@@ -112,6 +112,7 @@ class Law:
         law, inputs, clipped = self._along(controller)
         start = self._began(law, inputs, controller.delay)
         free = law.freely(inputs, start, clipped)[1]
+        free = free if np.isfinite(free).all() else np.zeros_like(free)  # of an unstable law
         seen = [self.data.seen(x) for x in free.T]
         return start, np.array(seen).reshape(len(seen), len(self.target)).T
 
