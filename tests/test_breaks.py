@@ -92,6 +92,13 @@ def test_a_diagnosis_says_that_it_takes_the_longest(twin):
     assert any("3 stretches: the longest" in f.text for f in found.findings)
 
 
+def test_what_no_law_can_be_read_from_is_said_of_the_longest_as_well(twin):
+    loop = replace(iv.axes.emps(), controller=Controller("identify", {}))
+    found = iv.diagnose(broken(twin).replace(q_ref=None), loop)
+    said = " ".join(f.text for f in found.findings)
+    assert "no reference is in the record" in said and "3 stretches: the longest" in said
+
+
 def test_of_a_long_record_a_stated_part_is_diagnosed(twin):
     found = iv.diagnose(twin, iv.axes.emps(), rules=iv.gap.Rules(samples=4000))
     assert any("the 4000 in which it moves most" in f.text for f in found.findings)

@@ -300,3 +300,22 @@ def test_a_record_read_without_the_units_of_the_axis_file_is_told_how_to_be_read
         (found,) = iv.diagnose(other, one).findings[:1]
         assert "as if q and q_ref were in" in found.text
         assert ("iv.Record.read(path, loop.log)" in found.text) is told
+
+
+def test_a_law_that_was_read_from_one_record_is_not_asked_for_again(monkeypatch):
+    """Only a gross rest speaks of another one in the second record."""
+    asked, check = [], parity.check
+
+    def checked(record, loop, read=True, oversampling=0):
+        """Note whether a record is asked for its own law."""
+        asked.append(read)
+        return check(record, loop, read, oversampling)
+
+    monkeypatch.setattr(parity, "check", checked)
+    monkeypatch.setattr(parity, "doubted", lambda record, found: True)
+    loop, record = played("cascade-pd")
+    iv.diagnose(record, loop)
+    assert any(asked)
+    asked.clear()
+    iv.diagnose(record, replace(loop, controller=Controller("identify", {})))
+    assert asked and not any(asked)

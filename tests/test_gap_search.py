@@ -1,5 +1,6 @@
 """How effects are looked for: boxes, valleys, shapes, and records of different strokes."""
 
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -851,3 +852,12 @@ def test_a_step_that_is_absurd_is_shortened_and_no_error():
     at = Simulated(fold, loop, {"stribeck.force": 1.0}, np.zeros(0))
     for change in (1e72, -1e72):
         assert abs(at.moved("stribeck.force", change)) <= LARGEST
+
+
+@pytest.mark.parametrize(("gain", "told"), [(0.95, True), (0.7, False)])
+def test_what_leaves_next_to_nothing_needs_few_blocks(gain, told, monkeypatch):
+    """Of a gain that falls with the speed two steps had most of the energy."""
+    laws = sys.modules["ivtools.gap.discrepancy.laws"]
+    monkeypatch.setattr(laws, "better_t", lambda folds, worse, better: 1.5)
+    now, then = (SimpleNamespace(gain=x, left=None) for x in (0.0, gain))
+    assert laws._Search._tells(SimpleNamespace(folds=None), now, then) == told

@@ -215,6 +215,24 @@ def test_what_a_limit_does_counts_where_the_command_is_at_it(share):
     without = loop.gain * (two.nu - loop.simulate(two, theta).nu)[200:]
     assert gap.shrink.before == pytest.approx(float(np.sqrt(np.mean(without**2))), rel=0.15)
     assert gap.shrink.after < 0.5 * gap.shrink.before and gap.shrink.closed > 0.9
+    third = moves.record(limited, theta, SECONDS, 33)
+    judged = iv.diagnose(one, loop, two, judge=third).shrink.judged
+    assert judged.before > 2.0 * judged.after
+
+
+def test_of_one_record_the_limit_counts_in_the_half_that_judges():
+    loop = iv.axes.emps()
+    theta = loop.values(BASE)
+    limit = 0.45 * float(np.max(np.abs(record(31).nu)))
+    limited = replace(loop, controller=replace(loop.controller, limit=limit))
+    one = moves.record(limited, theta, SECONDS, 31)
+    gap = iv.diagnose(one, loop)
+    assert gap.effects == ("saturation",)
+    error = loop.gain * (one.nu - loop.simulate(one, theta).nu)[:, 0]
+    half = gap.traces.keep
+    assert 0.3 < np.mean(half) < 0.7 and np.any(np.abs(one.nu[half]) > 0.999 * limit)
+    true = float(np.sqrt(np.mean(error[half] ** 2)))
+    assert gap.shrink.before == pytest.approx(true, rel=0.15)
 
 
 def test_a_gap_below_the_tolerance_is_negligible_in_words():

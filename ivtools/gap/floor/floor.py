@@ -242,15 +242,14 @@ def _without_slow_forces(x: Array, keep: Mask, dt: float, most: float) -> Array:
     """Return an error with as much that is slow as noise has, if it is too much to be noise.
 
     No sensor makes much of it; a force does, which a noise model of a few milliseconds would learn.
-    As much as noise has is what the next octave has; slow is what lies below the first octave that
-    has less.
+    As much as noise has is what the next octave has.
     """
     for hz in SLOW_HZ:
         slow, both = (_below(x * keep, top, dt) for top in (hz, 2.0 * hz))
         parts = (slow[keep], (both - slow)[keep])
         size, next_octave = (float(np.sqrt(np.mean(part**2))) for part in parts)
-        if size > next_octave:
-            return np.asarray(x - (1.0 - next_octave / size) * slow) if size > most else x
+        if size > max(most, next_octave):
+            x = x - (1.0 - next_octave / size) * slow
     return x
 
 
