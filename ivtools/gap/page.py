@@ -36,8 +36,8 @@ _RECORD_ALONE = (
     "above the noise."
 )
 _WHERE = (
-    "What counts: not the transient at the start, the command at its limit, standstill, or, of one "
-    "record alone, the stretches that the effects were fitted to."
+    "What counts: not the transient at the start, the command at a limit that the axis file states, "
+    "standstill, or, of one record alone, the stretches that the effects were fitted to."
 )
 _OF_LITTLE = "What each effect would close of the little that is above the floor"
 _ASKED = {
