@@ -36,7 +36,7 @@ _RECORD_ALONE = (
     "above the noise."
 )
 _WHERE = (
-    "What counts: not the transient at the start, the command at a limit that the axis file states, "
+    "What counts: not the transient at the start, the command at a limit that the axis file has, "
     "standstill, or, of one record alone, the stretches that the effects were fitted to."
 )
 _OF_LITTLE = "What each effect would close of the little that is above the floor"
