@@ -164,10 +164,10 @@ def _inspected(now: Input) -> Inspected:
     def known(record: Record, p: Parity) -> Parity:
         """Ask the record for its own law where it has another one.
 
-        What a law that was read from another record leaves may be a little more.
+        What a law leaves that was read from one may be a little more, on that one as well: where
+        that is noisy the law was read below some frequency.
         """
-        gross = p.after > PARITY_POOR and record is not task.record
-        doubted = gross if identified else parity.doubted(record, p)
+        doubted = p.after > PARITY_POOR if identified else parity.doubted(record, p)
         return parity.check(record, loop, oversampling=1) if doubted else p
 
     checked = tuple(threaded(known, records, now.compared))

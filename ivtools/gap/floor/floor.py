@@ -197,6 +197,7 @@ def _lines(fold: Fold, rest: Array, whitener: Array, simulation: Simulation) -> 
     }
     wide, e = waves(simulation, terms, ways), rest[fold.keep]
     heard = fold.response(wide)[fold.keep]
+    _require(heard)
     own = heard @ independent(heard, SAME_LAW)
     left = e - own @ (own.T @ e)
     return wide if left @ left < (1.0 - MOST) * float(e @ e) else waves(simulation, terms, found)
