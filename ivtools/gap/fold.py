@@ -373,8 +373,15 @@ class Fold:
         place = None if self.place is None else self.place[rows]
         against = None if self.against is None else self.against[rows]
         part, keep = self.record.slice(start, stop), self.keep[rows]
-        known = replace(self, both=None, limited=None)
-        return replace(known, record=part, keep=keep, place=place, against=against)
+        return replace(
+            self,
+            record=part,
+            keep=keep,
+            place=place,
+            both=None,
+            limited=None,
+            against=against,
+        )
 
 
 def block_t(sums: Array) -> float:

@@ -363,7 +363,8 @@ LEARNT = 3
 #: Frequencies, Hz, below which an error is slow, and the share of the force, rms, from which on
 #: what smooth laws leave of it is no noise (below 5 Hz, MuJoCo: 3.2 % at most on 13 axes with noise
 #: alone, 14 of 16 slow forces, pendulums and second axes above 5; a line that hardly comes again
-#: has 6. Below 10 Hz: 2 % at most on 30 healthy axes of other hands; a pendulum of 7 Hz has 15).
+#: has 6. Below 10 Hz: 2 % at most on 30 healthy axes of other hands; a pendulum on a fast arm,
+#: which shows from 5 Hz on, has 15).
 SLOW_HZ, SLOW_FORCE = (5.0, 10.0), 0.07
 #: Seconds of longer windows, and deviations of their energy or mean beyond which a weak force has
 #: acted for a while (training: 24 records without one are below 3.9, of three lost ones above 6).

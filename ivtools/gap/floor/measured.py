@@ -107,14 +107,14 @@ def fitted(ready: Ready) -> Fitted:
     if not driven and record.added is not None and "added" in checked.mismatch:
         record = replace(record, added=record.added * (1.0 + checked.mismatch["added"]))
     keep = usable(record, loop)
-    given = replace(loop, controller=replace(loop.controller, limit=checked.declared.limit))
-    counts = keep if checked.limit is None else usable(record, given)
     values = Inverse.of(record, loop).values()
     if not values.get("inertia", 1.0) > 0.0:  # a pendulum or a spring that the model lacks
         values = {**values, "inertia": rough_inertia(loop, record)}
     oversampling = 1 if driven else checked.oversampling
-    if oversampling > 1:  # of when it stepped the log has nothing nearer than its samples
-        keep, counts = (x & ~stepped(record) for x in (keep, counts))
+    limited = None
+    if checked.limit is not None:
+        given = replace(loop.controller, limit=checked.declared.limit)
+        limited = usable(record, replace(loop, controller=given)) & ~keep
     fold = Fold(
         record,
         keep,
@@ -123,9 +123,11 @@ def fitted(ready: Ready) -> Fitted:
         label=record.name,
         place=place,
         ramp=ramp,
+        limited=limited,
         oversampling=oversampling,
-        limited=None if checked.limit is None else counts & ~keep,
     )
+    if oversampling > 1:  # of when it stepped the log has nothing nearer than its samples
+        fold = fold.only(~stepped(record))
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
     fit = gauss_newton(fold, loop, values, free)
     left = fold.force_error(loop, fit.values)

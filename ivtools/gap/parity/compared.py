@@ -415,6 +415,7 @@ def at_limit(
         ways += [(summed, replace(one, feedforward=fed)) for one in laws]
 
     def left(tried: tuple[list[Record], ClosedLoop, list[Parity]]) -> float:
+        """Return the share of the commands' energy that a law leaves, of all records."""
         return sum(p.after**2 for p in tried[2])
 
     tried = []

@@ -316,10 +316,11 @@ class _Whole(Law):
             self.data.command[late:] - law.command(inputs, state, self.data.clipped(late))
         )
 
-    def began(self, controller: Controller) -> tuple[Array, Array]:
+    def began(self, controller: Controller) -> tuple[Array, Array, Array]:
         """Return the settled state; of others nothing need be projected out here."""
         law, inputs, _ = self._known(controller)
-        return law.settled(inputs[0]), np.zeros((len(inputs), 0))
+        start = law.settled(inputs[0])
+        return start, self.resids(controller, start), np.zeros((len(inputs), 0))
 
     def _known(self, controller: Controller) -> tuple[LinearLaw, Array, int]:
         law, inputs, _ = self._along(controller)

@@ -107,14 +107,17 @@ class Law:
         began = self._began(law, inputs, controller.delay) if start is None else start
         return law.command(inputs, began, clipped)
 
-    def began(self, controller: Controller) -> tuple[Array, Array]:
-        """Return the likeliest state in which a law began, (n,), and its answers, (rows, n)."""
+    def began(self, controller: Controller) -> tuple[Array, Array, Array]:
+        """Return the likeliest state in which a law began, (n,), and what it leaves, (rows,).
+
+        And what the command answers to a unit of each state, (rows, n).
+        """
         law, inputs, clipped = self._along(controller)
         start = self._began(law, inputs, controller.delay)
-        free = law.freely(inputs, start, clipped)[1]
+        command, free = law.freely(inputs, start, clipped)
         free = free if np.isfinite(free).all() else np.zeros_like(free)  # of an unstable law
-        seen = [self.data.seen(x) for x in free.T]
-        return start, np.array(seen).reshape(len(seen), len(self.target)).T
+        seen = np.array([self.data.seen(x) for x in free.T]).reshape(-1, len(self.target)).T
+        return start, self.target - self.data.seen(command), seen
 
     def _began(self, law: LinearLaw, inputs: Array, late: int) -> Array:
         known = inputs[: len(inputs) - late]
@@ -178,8 +181,7 @@ def jacobian(law: Law, controller: Controller, names: tuple[str, ...]) -> Array:
     L. Kaufman, "A variable projection method for solving separable nonlinear least squares
     problems", BIT 15, 1975: at a state that stays, the change less what other states would do.
     """
-    start, free = law.began(controller)
-    e = law.resids(controller, start)
+    start, e, free = law.began(controller)
     columns = []
     for i, name in enumerate(names):
         value = values(controller, (name,))[0]
