@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from ...linalg import block_covariance
 from ...loop import Controller
+from ...workers import threaded
 from ..rules import (
     ADDED_LEAST,
+    CONVERGED,
     DELAY_TOLD,
     GAIN_ERROR,
     GAIN_EXPLAINS,
@@ -30,33 +32,49 @@ _MOVE = 1e-3  # of a gain, in its finite differences
 
 
 def best_delay(
-    signals: Signals, controller: Controller, free: NDArray[np.bool_]
+    signals: Signals, controller: Controller, free: NDArray[np.bool_], told: int
 ) -> tuple[dict[str, float], int]:
-    """Return the mismatch that is worth a name, at the delay that explains most, and that."""
-    fits = {delay: _Gains(signals, controller, delay, free) for delay in range(MAX_DELAY + 1)}
+    """Return the mismatch that is worth a name, at the delay that explains most, and that.
+
+    Which delay it is, the `told` samples say in which the axis moves most, unless the declared one
+    explains more of all of them.
+    """
+    part = signals.liveliest(told)
+    fits = [_Gains(delay, part, controller, free[part.span]) for delay in range(MAX_DELAY + 1)]
     for _ in range(GAIN_STEPS):
-        for fit in fits.values():
-            fit.step()
-        least = min(fit.cost for fit in fits.values())
-        fits = {delay: fit for delay, fit in fits.items() if fit.cost <= DELAY_TOLD * least}
-    delay = min(fits, key=lambda k: fits[k].cost)
-    return _material(signals, controller, fits[delay]), delay
+        threaded(_Gains.step, fits)
+        least = min(fit.cost for fit in fits)
+        fits = [fit for fit in fits if fit.cost <= DELAY_TOLD * least]
+    near = min(fits, key=lambda fit: fit.cost)
+    fits = [_Gains(near.delay, signals, controller, free, near.x)]
+    if near.delay != controller.delay:
+        fits.append(_Gains(controller.delay, signals, controller, free))
+    for fit in fits * GAIN_STEPS:
+        fit.step()
+    best = min(fits, key=lambda fit: fit.cost)
+    return _material(signals, controller, best), best.delay
 
 
 class _Gains:
     """The mismatch that explains most of the command at one delay, as far as it is fitted."""
 
     def __init__(
-        self, signals: Signals, controller: Controller, delay: int, free: NDArray[np.bool_]
+        self,
+        delay: int,
+        signals: Signals,
+        controller: Controller,
+        free: NDArray[np.bool_],
+        near: Array | None = None,
     ) -> None:
         self.signals, self.delay = signals, delay
         self.controller = replace(controller, limit=np.inf)
         self.names = [*controller.mismatches, *(["added"] if signals.added.any() else [])]
-        self.x = np.zeros(len(self.names))
+        self.x = np.zeros(len(self.names)) if near is None else near
         self.rows = free.copy()
         self.rows[:PARITY_HEAD] = False
         self.e = self._error(self.x)
         self.columns = np.zeros((len(self.e), len(self.names)))
+        self.ended = not self.names
 
     def _error(self, x: Array) -> Array:
         """Return the parity error at these mismatches, (n_rows,)."""
@@ -82,15 +100,19 @@ class _Gains:
         return dict(zip(self.names, t.tolist(), strict=True))
 
     def step(self) -> None:
-        """Take a Gauss-Newton step."""
-        if not self.names:
+        """Take a Gauss-Newton step, if it leads down."""
+        if self.ended:
             return
         least = [ADDED_LEAST if n == "added" else GAIN_RANGE[0] for n in self.names]
         moved = [self._error(self.x + _MOVE * one) for one in np.eye(len(self.names))]
         self.columns = np.column_stack([(e - self.e) / _MOVE for e in moved])
         x = self.x - np.linalg.lstsq(self.columns, self.e, rcond=1e-8)[0]
-        self.x = np.clip(x, least, GAIN_RANGE[1])
-        self.e = self._error(self.x)
+        x = np.clip(x, least, GAIN_RANGE[1])
+        e = self._error(x)
+        left, before = float(e @ e), self.cost
+        self.ended = not left < (1.0 - CONVERGED) * before
+        if left < before:
+            self.x, self.e = x, e
 
 
 def _deviations(columns: Array, e: Array) -> Array:

@@ -38,6 +38,7 @@ class Signals:
 
     def __init__(self, record: Record, loop: ClosedLoop) -> None:
         self.record, self.joint, self.dt = record, loop.joint, record.dt
+        self.span = slice(None)
         self.added = record.added[:, 0] if record.added is not None else np.zeros(record.n_samples)
         self.whole = loop.command(record)
         self.command = self.whole[:, 0]
@@ -56,9 +57,22 @@ class Signals:
         other.limit, other.least = limit, least
         return other
 
+    def liveliest(self, n: int) -> Signals:
+        """Return those of the n samples in which the position changes most.
+
+        References are derived from the whole record: at an end they are not as the law had them.
+        """
+        part = self.record.liveliest(n)
+        first = int(np.searchsorted(self.record.t, part.t[0]))
+        other = copy(self)
+        other.span = slice(first, first + part.n_samples)
+        other.command, other.added = self.command[other.span], self.added[other.span]
+        return other
+
     def seen(self, controller: Controller) -> Seen:
         """Return the inputs of a law, and what it gave."""
-        return Seen.of(controller, self.record, self.whole, self.joint)
+        seen = Seen.of(controller, self.record, self.whole, self.joint)
+        return Seen(seen.inputs[self.span], seen.command[self.span])
 
     def fed(self, controller: Controller) -> Array:
         """Return the command of the law fed with the measured position, settled at first, (n,)."""

@@ -187,14 +187,16 @@ class LinearLaw:
             rows = clipped.side == 0.0
         if rows.sum() > 4 * len(self.taps):  # the first velocities rest on a guess of the past
             rows[: len(self.taps)] = False
-        left = (command - given)[rows]
         size = np.maximum(np.max(np.abs(free), axis=0), 1e-300)
+        free /= size
         # what the states can do to the command, whatever they are; of it, what is seen
-        does, much, states = np.linalg.svd(free / size, full_matrices=False)
+        _, much, states = np.linalg.svd(np.linalg.qr(free, mode="r"))
         acts = much > _NONE * much[0]
-        U, seen, V = np.linalg.svd(does[np.ix_(rows, acts)], full_matrices=False)
-        told = seen > _SILENT  # noise would be all of the others
-        change = V[told].T @ (U[:, told].T @ left / seen[told]) / much[acts]
+        does = free @ (states[acts].T / much[acts]) * rows[:, np.newaxis]
+        energy, seen = np.linalg.eigh(does.T @ does)
+        told = seen[:, energy > _SILENT**2]  # noise would be all of the others
+        left = told.T @ (does.T @ (command - given)) / energy[energy > _SILENT**2]
+        change = told @ left / much[acts]
         found = start + states[acts].T @ change / size
         return found if np.isfinite(found).all() else start
 
