@@ -306,7 +306,7 @@ def test_a_hint_knows_the_unit(twin, loop, joint, unit):
     times = 1.0 / parse(unit).factor
     assert f"in {unit}" in plausible.looks_like(1.05 / times, joint, "q")
     axis, other = replace(loop, joint=joint), scaled(twin, times, "q", "q_ref")
-    assert f"in {unit}" in plausible.wrong_unit(other, axis, parity.check(other, axis))
+    assert f"in {unit}" in plausible.wrong_unit(other, axis)
 
 
 # -- a controller that is to be identified ---------------------------------------------------------

@@ -134,11 +134,6 @@ class Simulated:
             inside &= ~leaves
         return move
 
-    def promised(self, J: Array, move: Array) -> float:
-        """Return the relative decrease of the energy that a step would bring, were J all of it."""
-        then = self.e + J @ move
-        return 1.0 - float(then @ then) / self.energy
-
     def lower(self, free: Sequence[str], move: Array) -> Simulated | None:
         """Return where a step, shortened until the error falls, leads to; None if it never does."""
         for factor in SHORTER:
@@ -388,8 +383,8 @@ def gauss_newton(
     units = np.array([step[n] for n in free])
     J = at.jacobian(free, step, near)
     for _ in range(iterations):
-        move = at.move(free, J, units)
-        if at.promised(J, move) < CONVERGED or (then := at.lower(free, move)) is None:
+        then = at.lower(free, at.move(free, J, units))
+        if then is None:
             break
         gain = 1.0 - then.energy / at.energy
         at = then

@@ -88,11 +88,12 @@ class Evidence:
     def uneven(self) -> bool:
         """Whether blocks of it differ so much in size that it only resembles what is there.
 
-        What smooth laws could not have all of, or stands beside one, is no such likeness, nor is
-        what hardly leaves anything.
+        What smooth laws could not have all of is no such likeness, nor is what hardly leaves
+        anything, or closes nearly all of the gap by itself.
         """
-        smooth = not (self.stands or self.certain) and self.unlike < UNSHARED
-        return smooth and self.evenness < UNEVEN and self.left > UNEVEN_LEAVES
+        closed = 1.0 - np.sqrt(1.0 - min(self.share, 1.0))
+        shared = not self.certain and self.unlike < UNSHARED and closed < EXPLAINED
+        return shared and self.evenness < UNEVEN and self.left > UNEVEN_LEAVES
 
     @property
     def unrivalled(self) -> bool:
@@ -116,7 +117,8 @@ def evidence(
     ----------
     trial : Trial
     rivals : sequence of Trial
-        What else was tried in the same round, and is distinguishable from it.
+        What else was tried in the same round, and is distinguishable from it. Further waves of a
+        line that is named are none.
     base : sequence of Fit
         The model without any effect.
     held : sequence of Fit
@@ -128,7 +130,7 @@ def evidence(
         gain=float(np.min(trial.gains)),
         t=float(np.min(trial.t)),
         disagreement=trial.disagreement,
-        rival=max([0.0, *(r.gain / trial.gain for r in rivals)]),
+        rival=max([0.0, *(r.gain / trial.gain for r in rivals if not r.further)]),
         share=trial.removed / whole,
         left=cost(trial.held),
         explained=1.0 - max(rest, 0.0) / whole,

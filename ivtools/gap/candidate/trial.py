@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics import Term
-from ..discrepancy import Laws, a_line, other_waves, smooth_rest, stands, unlike_smooth
+from ..discrepancy import (
+    Laws,
+    a_line,
+    friction_waves,
+    further_waves,
+    smooth_rest,
+    stands,
+    unlike_smooth,
+)
 from ..fit import Fit, common, cost, costs
 from ..fold import Fold, better_t
 from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, LEADING, MOST, STANDARD_ERRORS, TURN, Rules
@@ -199,12 +207,24 @@ class Trial:
         """
         if self.term.search != "lines":
             return True
-        waves = other_waves(self.before, self._periods(self.held))
-        folds, own = [h.fold for h in self.held], [h.e for h in self.held]
-        if not all(better_t(folds, w, own) > STANDARD_ERRORS for w in waves):
+        friction = friction_waves(self.before, self._periods(self.held))
+        if self.further or not self._better(friction, STANDARD_ERRORS):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
         return self.unlike > MOST * (1.0 + rest) or rest < EXACT
+
+    @cached_property
+    def further(self) -> bool:
+        """Whether it is hardly more than a further wave of a line that is named already."""
+        if self.term.search != "lines":
+            return False
+        waves = further_waves(self.before, self._periods(self.held))
+        return not self._better(waves, 2.0 * STANDARD_ERRORS)
+
+    def _better(self, waves: Sequence[Sequence[Array]], least: float) -> bool:
+        """Whether it is better than each of some waves, by more standard errors than that."""
+        folds, own = [h.fold for h in self.held], [h.e for h in self.held]
+        return all(better_t(folds, w, own) > least for w in waves)
 
     def _periods(self, fits: Sequence[Fit]) -> list[float]:
         """Return the period of a line over position in each fit, m or rad."""

@@ -7,7 +7,15 @@ discrepancy    that one described, instead of named
 
 from .discrepancy import Discrepancy, describe
 from .laws import Laws, Spline, advantage, beside_law, least_t, nothing, stands
-from .smooth import Basis, Columns, a_line, other_waves, smooth_rest, unlike_smooth
+from .smooth import (
+    Basis,
+    Columns,
+    a_line,
+    friction_waves,
+    further_waves,
+    smooth_rest,
+    unlike_smooth,
+)
 
 __all__ = [
     "Basis",
@@ -21,7 +29,8 @@ __all__ = [
     "describe",
     "least_t",
     "nothing",
-    "other_waves",
+    "friction_waves",
+    "further_waves",
     "smooth_rest",
     "stands",
     "unlike_smooth",

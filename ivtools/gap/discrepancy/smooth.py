@@ -5,7 +5,7 @@ What an effect does must not be what these could do as well.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -382,27 +382,49 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
     return min(threaded(share, before, after, runs))
 
 
-def other_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Array]]:
-    """Return the errors that waves over position leave which are no effect, per wave and fold.
+def friction_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Array]]:
+    """Return the errors that periodic friction, dry and viscous, leaves, per kind and fold.
 
-    Friction that is periodic over position, dry or viscous, looks much like cogging or ripple. A
-    further wave of a line that is named, as its harmonics are, is no further effect.
+    Over position it looks much like cogging or ripple, and is no effect.
 
     Parameters
     ----------
     fits : sequence of Fit
-        Without the wave, on each fold.
+        Without it, on each fold.
     periods : sequence of float
-        Of the wave, m or rad, on each.
+        Of its waves, m or rad, on each.
     """
+
+    def waves(f: Fit, period: float) -> list[Array]:
+        """Return its forces along one motion."""
+        both = Basis({}, (period,)).waves(f.simulation)
+        return [both[:, :2], both[:, 2:]]
+
+    return _left_by(fits, periods, waves)
+
+
+def further_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[Array]]:
+    """Return the errors that further waves of the lines in a model leave, per line and fold.
+
+    Such as their harmonics are, which are no further effects; parameters as for `friction_waves`.
+    """
+
+    def waves(f: Fit, period: float) -> list[Array]:
+        """Return their forces along one motion."""
+        lines = [t for t in f.loop.terms if t.search == "lines"]
+        return [unit_forces(f, f.simulation, t, {t.period: period}) for t in lines]
+
+    return _left_by(fits, periods, waves)
+
+
+def _left_by(
+    fits: Sequence[Fit], periods: Sequence[float], waves: Callable[[Fit, float], list[Array]]
+) -> list[list[Array]]:
+    """Return the errors that waves of these periods leave, per kind of wave and fold."""
     found = []
     for f, period in zip(fits, periods, strict=True):
-        now = f.simulation
-        friction = Basis({}, (period,)).waves(now)
-        lines = [t for t in f.loop.terms if t.search == "lines"]
-        named = [unit_forces(f, now, t, {t.period: period}) for t in lines]
-        e, waves = f.beyond_base(), [friction[:, :2], friction[:, 2:], *named]
-        parts = (f.beyond_base(f.fold.answers(wave)) for wave in waves)
+        e = f.beyond_base()
+        parts = (f.beyond_base(f.fold.answers(wave)) for wave in waves(f, period))
         found.append([e - part @ normal(part, e) for part in parts])
     return [list(wave) for wave in zip(*found, strict=True)]
 

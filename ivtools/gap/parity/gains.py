@@ -23,6 +23,7 @@ from ..rules import (
     MAX_DELAY,
     PARITY_BLOCKS,
     PARITY_HEAD,
+    SHORTER,
 )
 from .signals import Signals
 
@@ -100,19 +101,21 @@ class _Gains:
         return dict(zip(self.names, t.tolist(), strict=True))
 
     def step(self) -> None:
-        """Take a Gauss-Newton step, if it leads down."""
+        """Take a Gauss-Newton step, shortened until it leads down; end if it never does."""
         if self.ended:
             return
         least = [ADDED_LEAST if n == "added" else GAIN_RANGE[0] for n in self.names]
         moved = [self._error(self.x + _MOVE * one) for one in np.eye(len(self.names))]
         self.columns = np.column_stack([(e - self.e) / _MOVE for e in moved])
-        x = self.x - np.linalg.lstsq(self.columns, self.e, rcond=1e-8)[0]
-        x = np.clip(x, least, GAIN_RANGE[1])
-        e = self._error(x)
-        left, before = float(e @ e), self.cost
-        self.ended = not left < (1.0 - CONVERGED) * before
-        if left < before:
-            self.x, self.e = x, e
+        move = np.linalg.lstsq(self.columns, self.e, rcond=1e-8)[0]
+        before, self.ended = self.cost, True
+        for factor in SHORTER:
+            x = np.clip(self.x - factor * move, least, GAIN_RANGE[1])
+            e = self._error(x)
+            if float(e @ e) < before:
+                self.x, self.e = x, e
+                self.ended = self.cost > (1.0 - CONVERGED) * before
+                return
 
 
 def _deviations(columns: Array, e: Array) -> Array:

@@ -220,7 +220,7 @@ def _law(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     """Refuse a unit, a sign, or a command without law; another law is said when it is taken."""
     if parity.oversampling > 1 or not (_gross(parity) or parity.taken or not parity.trustworthy):
         return []
-    unit = "; ".join(checks.doubts(record)) or wrong_unit(record, loop, parity)
+    unit = "; ".join(checks.doubts(record)) or wrong_unit(record, loop)
     if unit:
         return [Finding(unit)]
     return [] if parity.trustworthy else [Finding(explain_command(parity))]

@@ -13,8 +13,8 @@ from ...loop import ClosedLoop
 from ...loop.rough_inertia import beside_position
 from ...record import Record
 from ...units import JOINTS, parse
-from ..parity import Parity, Signals
-from ..rules import ABSURD, OPPOSITE, UNIT_NEAR, UNIT_R2, UNIT_SAMPLES
+from ..parity import Signals
+from ..rules import ABSURD, MAX_DELAY, OPPOSITE, UNIT_NEAR, UNIT_R2, UNIT_SAMPLES
 
 Array = NDArray[np.float64]
 
@@ -84,9 +84,10 @@ def _commands(record: Record, loop: ClosedLoop) -> tuple[Array, Array] | None:
     return (left[:, 0], left[:, 1]) if np.ptp(left, axis=0).all() else None
 
 
-def wrong_unit(record: Record, loop: ClosedLoop, parity: Parity) -> str:
+def wrong_unit(record: Record, loop: ClosedLoop) -> str:
     """Say which unit or sign the command has, if it is the declared law times a factor."""
-    factor, rest = _factor(record, loop, parity.delay)
+    each = (_factor(record, loop, delay) for delay in range(MAX_DELAY + 1))
+    factor, rest = min(each, key=lambda one: one[1])
     if rest**2 > 1.0 - UNIT_R2:
         return ""
     if factor < 0.0:

@@ -167,7 +167,8 @@ class Regressions:
         self.rows, self.gram = len(X), X.T @ X
         late = [data.seen(data.command, late=delay) for delay in range(DELAYS)]
         self.power = [float(y @ y) for y in late]
-        self.along = [X.T @ y for y in late]
+        self.along = np.column_stack([X.T @ y for y in late])
+        self.found: dict[tuple[str, ...], tuple[Array, Array]] = {}
 
     def forms(self) -> Iterator[Form]:
         """Yield each form of each kind, with every velocity filter and delay, solved."""
@@ -185,13 +186,17 @@ class Regressions:
 
     def solved(self, form: Form) -> Form:
         """Return a form with its coefficients and what it leaves."""
-        at = [self.names.index(c) for c in (*form.columns, *form.further)]
-        gram, along = self.gram[np.ix_(at, at)], self.along[form.delay][at]
-        power = max(self.power[form.delay], 1e-300)
-        x = np.linalg.lstsq(gram, along, rcond=_SAME**2)[0]
-        left = (power - 2.0 * float(x @ along) + float(x @ gram @ x)) / power
         names = (*form.columns, *form.further)
-        found = dict(zip(names, (x / self.size[at]).tolist(), strict=True))
+        if names not in self.found:  # the products are those of every delay
+            at = [self.names.index(name) for name in names]
+            gram = self.gram[np.ix_(at, at)]
+            x = np.linalg.lstsq(gram, self.along[at], rcond=_SAME**2)[0]
+            explained = np.sum(x * (2.0 * self.along[at] - gram @ x), axis=0)
+            self.found[names] = x / self.size[at][:, np.newaxis], explained
+        x, explained = self.found[names]
+        power = max(self.power[form.delay], 1e-300)
+        left = 1.0 - float(explained[form.delay]) / power
+        found = dict(zip(names, x[:, form.delay].tolist(), strict=True))
         return replace(form, coefficients=found, left=max(left, 0.0), rows=self.rows)
 
     def grown(self, form: Form) -> Form:
