@@ -7,14 +7,14 @@ as instruments: the estimate is consistent in closed loop.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..limits import LARGEST
-from ..linalg import as_columns, block_covariance, independent, orthonormal
+from ..linalg import as_columns, block_covariance, independent, orthonormal, rms
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..problem import Problem
@@ -111,6 +111,25 @@ class Simulated:
         if forces:
             J[:, list(forces)] = fold.answers(as_columns(forces.values()))
         return J
+
+    def answers(self, forces: Array) -> Array:
+        """Return the change of the whitened error by forces in the columns, (n_kept, m).
+
+        Beside a second mass each is simulated: the response is that of a rigid joint.
+        """
+        fold = self.fold
+        if not any(t.search == "valleys" for t in self.loop.terms):
+            return fold.answers(forces)
+        natural = STEP * fold.scales.sizes["force"]
+
+        def simulated(force: Array) -> Array:
+            """Return what one does, from a little of it."""
+            size = natural / max(rms(force), 1e-300)
+            more = size * force + (0.0 if fold.against is None else fold.against)
+            then = replace(fold, against=more).simulate(self.loop, self.values)
+            return (fold.judged(self.loop, then) - self.e) / size
+
+        return as_columns(threaded(simulated, forces.T))
 
     def move(self, free: Sequence[str], J: Array, units: Array) -> Array:
         """Return the Gauss-Newton step, (n_free,), in which none leaves a bound that it is at.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -207,8 +207,7 @@ class Trial:
         """
         if self.term.search != "lines":
             return True
-        friction = friction_waves(self.before, self._periods(self.held))
-        if self.further or not self._better(friction, STANDARD_ERRORS):
+        if self.further or not self._better(friction_waves):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
         return self.unlike > MOST * (1.0 + rest) or rest < EXACT
@@ -216,15 +215,13 @@ class Trial:
     @cached_property
     def further(self) -> bool:
         """Whether it is hardly more than a further wave of a line that is named already."""
-        if self.term.search != "lines":
-            return False
-        waves = further_waves(self.before, self._periods(self.held))
-        return not self._better(waves, 2.0 * STANDARD_ERRORS)
+        return self.term.search == "lines" and not self._better(further_waves)
 
-    def _better(self, waves: Sequence[Sequence[Array]], least: float) -> bool:
-        """Whether it is better than each of some waves, by more standard errors than that."""
+    def _better(self, waves: Callable[[Sequence[Fit], list[float]], list[list[Array]]]) -> bool:
+        """Whether it is better than each of some waves of its periods, by a standard error."""
         folds, own = [h.fold for h in self.held], [h.e for h in self.held]
-        return all(better_t(folds, w, own) > least for w in waves)
+        others = waves(self.before, self._periods(self.held))
+        return all(better_t(folds, w, own) > STANDARD_ERRORS for w in others)
 
     def _periods(self, fits: Sequence[Fit]) -> list[float]:
         """Return the period of a line over position in each fit, m or rad."""

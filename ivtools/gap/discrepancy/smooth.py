@@ -424,7 +424,7 @@ def _left_by(
     found = []
     for f, period in zip(fits, periods, strict=True):
         e = f.beyond_base()
-        parts = (f.beyond_base(f.fold.answers(wave)) for wave in waves(f, period))
+        parts = (f.beyond_base(f.answers(wave)) for wave in waves(f, period))
         found.append([e - part @ normal(part, e) for part in parts])
     return [list(wave) for wave in zip(*found, strict=True)]
 
