@@ -249,6 +249,7 @@ def test_a_gap_below_the_tolerance_is_negligible_in_words():
         ("adequate", True, "gap: negligible"),
         ("unexplained", True, "gap: on the hold-out negligible"),
         ("unexplained", False, "gap: negligible"),
+        ("non-repeatable", True, "gap: but for the stretches that stand out negligible"),
     ],
 )
 def test_a_gap_that_only_the_other_record_has_is_negligible_on_the_holdout(verdict, held_out, said):
@@ -270,6 +271,7 @@ def test_what_has_no_name_is_described(hilly):
     assert left["over"][0] == "q" and left["repeats"] and left["unit"] == "N"
     assert 1.5 < left["rms"] < 6.0
     assert hilly.verdict == "unexplained" and "left: a force of" in hilly.summary()
+    assert "left:" not in replace(hilly, verdict="adequate").summary()  # it lacks next to nothing
 
 
 def hump(q, dq, ddq, sign, tau, t, size):

@@ -227,10 +227,13 @@ class Diagnosis(Displayed):
     def small(self) -> str:
         """That the gap is negligible, in words; an empty text if it is not.
 
-        Of one that no effect explains, where it is that: the other record has it.
+        Of one that no effect explains, where it is that: the other record has it, or stretches that
+        are left out of its figures.
         """
         if self.shrink is None or not self.negligible:
             return ""
+        if self.verdict == "non-repeatable":
+            return "but for the stretches that stand out negligible"
         elsewhere = self.verdict == "unexplained" and self.shrink.held_out
         return "on the hold-out negligible" if elsewhere else "negligible"
 
@@ -284,7 +287,12 @@ class Diagnosis(Displayed):
     def otherwise(self) -> list[str]:
         """What has changed between the records, and what is left without a name, in sentences."""
         said = [change.said(name) for name, change in self.changed.items()]
-        return said + ([] if self.discrepancy is None else [f"left: {self.discrepancy.text}"])
+        return said + ([] if self.nameless is None else [f"left: {self.nameless.text}"])
+
+    @property
+    def nameless(self) -> Discrepancy | None:
+        """The force without a name, if the model lacks one: where that is little it is adequate."""
+        return None if self.verdict == "adequate" else self.discrepancy
 
     def _figures(self) -> list[str]:
         """Return the force errors before and after."""

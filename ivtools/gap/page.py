@@ -74,7 +74,7 @@ def page(diagnosis: Diagnosis) -> Page:
     ranked, folded = _ranked(diagnosis)
     which = drawn(figures.WHICH) if ranked else []
     out.add("Which effect", *said, tables=ranked, figures=which, folded=folded)
-    if (left := diagnosis.discrepancy) is not None:
+    if (left := diagnosis.nameless) is not None:
         shown, curve = [_nameless_table(diagnosis, left)], figures.nameless_of(diagnosis)
         out.add("What has no name", _nameless(left), tables=shown, figures=drawn(curve))
     out.add("How far", tables=[_signals(diagnosis)], figures=drawn(figures.HOW_FAR))
@@ -160,8 +160,8 @@ def _remarks(diagnosis: Diagnosis) -> list[str]:
 def _more(diagnosis: Diagnosis) -> list[str]:
     """Return what differs between records, what is left without a name, and what changes bring."""
     lines = [change.said(name) for name, change in diagnosis.changed.items()]
-    if diagnosis.discrepancy is not None:
-        lines.append(f"what is left: {diagnosis.discrepancy.text}")
+    if diagnosis.nameless is not None:
+        lines.append(f"what is left: {diagnosis.nameless.text}")
     if diagnosis.confirmed is not None:
         lines.append(diagnosis.confirmed.text)
     s = diagnosis.shrink
@@ -210,7 +210,7 @@ def _card(diagnosis: Diagnosis) -> Card:
         if s.held_out:
             frozen = s.shown(s.after_frozen)
             facts.append(("With the first record's base parameters", frozen))
-        if (left := diagnosis.discrepancy) is not None:
+        if (left := diagnosis.nameless) is not None:
             facts.append((f"With a {left.law} besides", left.leaves))
         facts.append(("Floor", s.shown(s.floor)))
     verdict = f"{diagnosis.verdict.capitalize()}: {diagnosis.why}."
