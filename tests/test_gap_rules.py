@@ -175,11 +175,13 @@ def test_a_likeness_that_fits_some_blocks_far_better_than_others_has_no_name():
     """As strong as any other evidence is: a smooth force 60 times the noise, called a spring."""
     spring = Evidence(gain=0.9, t=34.0, disagreement=1.06, rival=0.0, share=0.95, left=3.8,
                       explained=0.95, unlike=0.005, evenness=0.017)  # fmt: skip
-    for same in ({}, {"stands": True}):  # as a friction did beside a spring that fell
+    part = {"stands": True, "share": 0.4}  # as a friction did beside a spring that fell
+    for same in ({}, part):
         assert probability(replace(spring, **same)) < LIKELY, same
     closes = {"share": 0.995, "gain": 0.995, "left": 160.0}  # of a gap of 200 times the noise
-    for other in ({"unlike": 0.9}, {"left": 1.3, "t": 380.0}, {"evenness": 0.2}, closes):
+    for other in ({"stands": True}, {"unlike": 0.9}, {"left": 1.3, "t": 380.0}, {"evenness": 0.2}):
         assert probability(replace(spring, **other)) >= LIKELY, other
+    assert probability(replace(spring, **closes)) >= LIKELY
 
 
 def test_a_name_that_another_effect_outdoes_is_none_while_a_gap_is_left():

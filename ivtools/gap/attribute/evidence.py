@@ -15,6 +15,7 @@ from ..rules import (
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     LIKELY,
+    MOST,
     MOST_LEFT,
     RIVAL,
     SURE_APART,
@@ -89,10 +90,12 @@ class Evidence:
         """Whether blocks of it differ so much in size that it only resembles what is there.
 
         What smooth laws could not have all of is no such likeness, nor is what hardly leaves
-        anything, or closes nearly all of the gap by itself.
+        anything, closes nearly all of the gap by itself, or stands beside a smooth law and removes
+        most of it.
         """
         closed = 1.0 - np.sqrt(1.0 - min(self.share, 1.0))
-        shared = not self.certain and self.unlike < UNSHARED and closed < EXPLAINED
+        told = self.certain or closed > EXPLAINED or (self.stands and self.share > MOST)
+        shared = not told and self.unlike < UNSHARED
         return shared and self.evenness < UNEVEN and self.left > UNEVEN_LEAVES
 
     @property
