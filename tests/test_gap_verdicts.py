@@ -249,7 +249,7 @@ def test_a_gap_below_the_tolerance_is_negligible_in_words():
         ("adequate", True, "gap: negligible"),
         ("unexplained", True, "gap: on the hold-out negligible"),
         ("unexplained", False, "gap: negligible"),
-        ("non-repeatable", True, "gap: but for the stretches that stand out negligible"),
+        ("non-repeatable", True, "gap: but for stretches that stand out, negligible"),
     ],
 )
 def test_a_gap_that_only_the_other_record_has_is_negligible_on_the_holdout(verdict, held_out, said):

@@ -233,7 +233,7 @@ class Diagnosis(Displayed):
         if self.shrink is None or not self.negligible:
             return ""
         if self.verdict == "non-repeatable":
-            return "but for the stretches that stand out negligible"
+            return "but for stretches that stand out, negligible"
         elsewhere = self.verdict == "unexplained" and self.shrink.held_out
         return "on the hold-out negligible" if elsewhere else "negligible"
 
@@ -291,7 +291,7 @@ class Diagnosis(Displayed):
 
     @property
     def nameless(self) -> Discrepancy | None:
-        """The force without a name, if the model lacks one: where that is little it is adequate."""
+        """The force without a name; None of an adequate model, which lacks too little."""
         return None if self.verdict == "adequate" else self.discrepancy
 
     def _figures(self) -> list[str]:

@@ -115,7 +115,7 @@ class Simulated:
     def answers(self, forces: Array) -> Array:
         """Return the change of the whitened error by forces in the columns, (n_kept, m).
 
-        Beside a second mass each is simulated: the response is that of a rigid joint.
+        The linear response is that of a rigid joint: beside a second mass each is simulated.
         """
         fold = self.fold
         if not any(t.search == "valleys" for t in self.loop.terms):

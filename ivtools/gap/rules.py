@@ -80,6 +80,9 @@ CUT_SHARE = 0.8
 #: (judgement: nothing else takes nearly all of the error; in training 2e-4, 6e-3 and 0.013 are
 #: left).
 LIMIT_LEAVES = 0.02
+#: Parity error's energy over that of the command up to which a law at an undeclared limit is not
+#: asked for another one (judgement: behind the limit it is right).
+LIMIT_RIGHT = 0.01
 #: Relative parity error up to which the command is that of the law (numerics: digits of a log).
 ROUNDING = 1e-7
 #: Steps in which wrong gains are found at a delay (numerics: commands are nearly linear in them).
@@ -146,7 +149,7 @@ SINGLE = 1e-3
 #: Samples of a log by which the delay that it shows then differs at most (training: 0.2 where noise
 #: of the encoder hides it).
 FASTER_LATE = 0.25
-#: Samples of a log that tell a law, or its rate (cost).
+#: Samples of a log that tell a law, its rate, or which delays it may have (cost).
 LAW_TOLD = 4000
 #: Share of the parity error's energy around one sample that points to a bad row (judgement).
 ONE_PLACE = 0.99

@@ -200,7 +200,7 @@ _NAMELESS: Drawn = (
 
 def nameless_of(diagnosis: Diagnosis) -> tuple[Drawn, ...]:
     """Return the figure of a force without a name, if one has a curve: of two directions."""
-    left = diagnosis.discrepancy
+    left = diagnosis.nameless
     return (_NAMELESS,) if left is not None and left.curve else ()
 
 

@@ -211,7 +211,7 @@ def _chosen(diagnosis: Diagnosis) -> list[Ranked]:
 
 def nameless(axes: Axes, diagnosis: Diagnosis) -> None:
     """Draw the mean of the force without a name over a signal, forwards and backwards."""
-    left = diagnosis.discrepancy
+    left = diagnosis.nameless
     if left is None or not left.curve:
         raise DataError("there is no force without a name that has a curve")
     x, *ways = np.array(left.curve).T

@@ -207,7 +207,7 @@ class Trial:
         """
         if self.term.search != "lines":
             return True
-        if self.further or not self._better(friction_waves):
+        if self.further or not all(t > STANDARD_ERRORS for t in self._over(friction_waves)):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
         return self.unlike > MOST * (1.0 + rest) or rest < EXACT
@@ -215,13 +215,16 @@ class Trial:
     @cached_property
     def further(self) -> bool:
         """Whether it is hardly more than a further wave of a line that is named already."""
-        return self.term.search == "lines" and not self._better(further_waves)
+        lines = self.term.search == "lines"
+        return lines and any(t <= STANDARD_ERRORS for t in self._over(further_waves))
 
-    def _better(self, waves: Callable[[Sequence[Fit], list[float]], list[list[Array]]]) -> bool:
-        """Whether it is better than each of some waves of its periods, by a standard error."""
+    def _over(
+        self, waves: Callable[[Sequence[Fit], list[float]], list[list[Array]]]
+    ) -> Iterator[float]:
+        """Yield by how many standard errors it is better than each of some waves of its periods."""
         folds, own = [h.fold for h in self.held], [h.e for h in self.held]
-        others = waves(self.before, self._periods(self.held))
-        return all(better_t(folds, w, own) > STANDARD_ERRORS for w in others)
+        for wave in waves(self.before, self._periods(self.held)):
+            yield better_t(folds, wave, own)
 
     def _periods(self, fits: Sequence[Fit]) -> list[float]:
         """Return the period of a line over position in each fit, m or rad."""

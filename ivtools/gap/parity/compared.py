@@ -27,7 +27,7 @@ from ..rules import (
     LAW_R2,
     LAW_THERE,
     LAW_TOLD,
-    LIMIT_LEAVES,
+    LIMIT_RIGHT,
     NOISY_GAIN,
     ONE_PLACE,
     PARITY_HEAD,
@@ -214,7 +214,7 @@ def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -
     shown = replace(loop, controller=loop.controller.shown(record.dt))
     found, signals = _checked(record, shown)
     found = found if oversampling else _between(record, loop, found)
-    limited = found.limit is not None and found.after**2 < LIMIT_LEAVES  # behind it it is right
+    limited = found.limit is not None and found.after**2 < LIMIT_RIGHT  # behind it it is right
     known = not read or limited or not doubted(record, found)
     return found if known else _read(found, signals, record, shown)
 

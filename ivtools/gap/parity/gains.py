@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -33,27 +34,33 @@ _MOVE = 1e-3  # of a gain, in its finite differences
 
 
 def best_delay(
-    signals: Signals, controller: Controller, free: NDArray[np.bool_], told: int
+    signals: Signals, controller: Controller, free: NDArray[np.bool_], samples: int
 ) -> tuple[dict[str, float], int]:
     """Return the mismatch that is worth a name, at the delay that explains most, and that.
 
-    Which delay it is, the `told` samples say in which the axis moves most, unless the declared one
-    explains more of all of them.
+    The samples in which the axis moves most, so many, tell which delays it may be, unless most of
+    them are at a limit; which of these and of the declared one it is, the whole record does.
     """
-    part = signals.liveliest(told)
-    fits = [_Gains(delay, part, controller, free[part.span]) for delay in range(MAX_DELAY + 1)]
+
+    def fitted(of: Signals, near: Mapping[int, Array | None]) -> list[_Gains]:
+        """Return the fits at some delays, from near what is known."""
+        return _fitted([_Gains(delay, of, controller, free, x) for delay, x in near.items()])
+
+    near: dict[int, Array | None] = dict.fromkeys(range(MAX_DELAY + 1))
+    part = signals.part(samples)
+    if np.mean(free[part.span]) > 0.5:
+        near = {controller.delay: None} | {fit.delay: fit.x for fit in fitted(part, near)}
+    best = min(fitted(signals, near), key=lambda fit: fit.cost)
+    return _material(signals, controller, best), best.delay
+
+
+def _fitted(fits: list[_Gains]) -> list[_Gains]:
+    """Return fits at several delays, without those that fall far behind on the way."""
     for _ in range(GAIN_STEPS):
         threaded(_Gains.step, fits)
         least = min(fit.cost for fit in fits)
         fits = [fit for fit in fits if fit.cost <= DELAY_TOLD * least]
-    near = min(fits, key=lambda fit: fit.cost)
-    fits = [_Gains(near.delay, signals, controller, free, near.x)]
-    if near.delay != controller.delay:
-        fits.append(_Gains(controller.delay, signals, controller, free))
-    for fit in fits * GAIN_STEPS:
-        fit.step()
-    best = min(fits, key=lambda fit: fit.cost)
-    return _material(signals, controller, best), best.delay
+    return fits
 
 
 class _Gains:
@@ -69,11 +76,13 @@ class _Gains:
     ) -> None:
         self.signals, self.delay = signals, delay
         self.controller = replace(controller, limit=np.inf)
-        self.names = [*controller.mismatches, *(["added"] if signals.added.any() else [])]
-        self.x = np.zeros(len(self.names)) if near is None else near
-        self.rows = free.copy()
+        self.names = [*controller.mismatches, *(["added"] if signals.pushed else [])]
+        self.rows = free[signals.span].copy()
         self.rows[:PARITY_HEAD] = False
+        self.x = np.zeros(len(self.names))
         self.e = self._error(self.x)
+        if near is not None:
+            self._go(near)
         self.columns = np.zeros((len(self.e), len(self.names)))
         self.ended = not self.names
 
@@ -83,6 +92,12 @@ class _Gains:
         added = values.pop("added", 0.0)
         law = self.controller.with_mismatch(**values)
         return self.signals.error(law, self.delay, added)[self.rows]
+
+    def _go(self, x: Array) -> None:
+        """Take other mismatches, if they leave less."""
+        e = self._error(x)
+        if float(e @ e) < self.cost:
+            self.x, self.e = x, e
 
     @property
     def cost(self) -> float:
@@ -110,10 +125,8 @@ class _Gains:
         move = np.linalg.lstsq(self.columns, self.e, rcond=1e-8)[0]
         before, self.ended = self.cost, True
         for factor in SHORTER:
-            x = np.clip(self.x - factor * move, least, GAIN_RANGE[1])
-            e = self._error(x)
-            if float(e @ e) < before:
-                self.x, self.e = x, e
+            self._go(np.clip(self.x - factor * move, least, GAIN_RANGE[1]))
+            if self.cost < before:
                 self.ended = self.cost > (1.0 - CONVERGED) * before
                 return
 

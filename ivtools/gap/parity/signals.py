@@ -38,8 +38,9 @@ class Signals:
 
     def __init__(self, record: Record, loop: ClosedLoop) -> None:
         self.record, self.joint, self.dt = record, loop.joint, record.dt
-        self.span = slice(None)
+        self.span = slice(0, record.n_samples)  # what is compared
         self.added = record.added[:, 0] if record.added is not None else np.zeros(record.n_samples)
+        self.pushed = bool(self.added.any())
         self.whole = loop.command(record)
         self.command = self.whole[:, 0]
         self.step = grid(self.command)
@@ -57,16 +58,14 @@ class Signals:
         other.limit, other.least = limit, least
         return other
 
-    def liveliest(self, n: int) -> Signals:
-        """Return those of the n samples in which the position changes most.
+    def part(self, n: int) -> Signals:
+        """Return the same, compared in the n samples only in which the position changes most.
 
         References are derived from the whole record: at an end they are not as the law had them.
         """
-        part = self.record.liveliest(n)
-        first = int(np.searchsorted(self.record.t, part.t[0]))
         other = copy(self)
-        other.span = slice(first, first + part.n_samples)
-        other.command, other.added = self.command[other.span], self.added[other.span]
+        other.span = span = self.record.liveliest_span(n)
+        other.command, other.added = self.command[span], self.added[span]
         return other
 
     def seen(self, controller: Controller) -> Seen:

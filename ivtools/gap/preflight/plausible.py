@@ -86,7 +86,10 @@ def _commands(record: Record, loop: ClosedLoop) -> tuple[Array, Array] | None:
 
 def wrong_unit(record: Record, loop: ClosedLoop) -> str:
     """Say which unit or sign the command has, if it is the declared law times a factor."""
-    each = (_factor(record, loop, delay) for delay in range(MAX_DELAY + 1))
+    signals = Signals(record, loop)
+    fed = signals.fed(loop.controller)
+    most = max(MAX_DELAY, loop.controller.delay)
+    each = (_factor(signals, fed, delay) for delay in range(most + 1))
     factor, rest = min(each, key=lambda one: one[1])
     if rest**2 > 1.0 - UNIT_R2:
         return ""
@@ -108,12 +111,11 @@ def wrong_unit(record: Record, loop: ClosedLoop) -> str:
     )
 
 
-def _factor(record: Record, loop: ClosedLoop, delay: int) -> tuple[float, float]:
-    """Return the recorded command per command of the declared law, and what that leaves."""
-    signals = Signals(record, loop)
+def _factor(signals: Signals, fed: Array, delay: int) -> tuple[float, float]:
+    """Return the recorded command per command of the law, (n,), and what that leaves."""
     nu = signals.command[delay:]
-    columns = [signals.fed(loop.controller)[: len(nu)], np.ones(len(nu))]
-    if signals.added.any():
+    columns = [fed[: len(nu)], np.ones(len(nu))]
+    if signals.pushed:
         columns.append(signals.added[delay:])
     X = np.column_stack(columns)
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)

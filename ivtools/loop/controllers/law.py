@@ -190,13 +190,13 @@ class LinearLaw:
         size = np.maximum(np.max(np.abs(free), axis=0), 1e-300)
         free /= size
         # what the states can do to the command, whatever they are; of it, what is seen
-        _, much, states = np.linalg.svd(np.linalg.qr(free, mode="r"))
+        _, much, states = np.linalg.svd(np.linalg.qr(free, mode="r"), full_matrices=False)
         acts = much > _NONE * much[0]
         does = free @ (states[acts].T / much[acts]) * rows[:, np.newaxis]
-        energy, seen = np.linalg.eigh(does.T @ does)
-        told = seen[:, energy > _SILENT**2]  # noise would be all of the others
-        left = told.T @ (does.T @ (command - given)) / energy[energy > _SILENT**2]
-        change = told @ left / much[acts]
+        energy, ways = np.linalg.eigh(does.T @ does)
+        seen = energy > _SILENT**2  # noise would be all of the others
+        told = ways[:, seen]
+        change = told @ (told.T @ (does.T @ (command - given)) / energy[seen]) / much[acts]
         found = start + states[acts].T @ change / size
         return found if np.isfinite(found).all() else start
 

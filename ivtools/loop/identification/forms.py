@@ -168,7 +168,7 @@ class Regressions:
         late = [data.seen(data.command, late=delay) for delay in range(DELAYS)]
         self.power = [float(y @ y) for y in late]
         self.along = np.column_stack([X.T @ y for y in late])
-        self.found: dict[tuple[str, ...], tuple[Array, Array]] = {}
+        self.solutions: dict[tuple[str, ...], tuple[Array, Array]] = {}
 
     def forms(self) -> Iterator[Form]:
         """Yield each form of each kind, with every velocity filter and delay, solved."""
@@ -187,13 +187,13 @@ class Regressions:
     def solved(self, form: Form) -> Form:
         """Return a form with its coefficients and what it leaves."""
         names = (*form.columns, *form.further)
-        if names not in self.found:  # the products are those of every delay
+        if names not in self.solutions:  # the products are those of every delay
             at = [self.names.index(name) for name in names]
             gram = self.gram[np.ix_(at, at)]
             x = np.linalg.lstsq(gram, self.along[at], rcond=_SAME**2)[0]
             explained = np.sum(x * (2.0 * self.along[at] - gram @ x), axis=0)
-            self.found[names] = x / self.size[at][:, np.newaxis], explained
-        x, explained = self.found[names]
+            self.solutions[names] = x / self.size[at][:, np.newaxis], explained
+        x, explained = self.solutions[names]
         power = max(self.power[form.delay], 1e-300)
         left = 1.0 - float(explained[form.delay]) / power
         found = dict(zip(names, x[:, form.delay].tolist(), strict=True))
