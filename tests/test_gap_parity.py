@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import ivtools as iv
 from benchmarks.withheld.cases import draw
@@ -238,3 +239,55 @@ def test_a_bad_row_is_said_with_its_time(loop, row):
     assert found.at == pytest.approx(record.t[row])
     text = findings.explain_command(found)
     assert f"around {record.t[row]:.6g} s" in text and "cut it out" in text
+
+
+def commanded(record, loop, delay, noise=0.0):
+    """Return a record whose command is that of the loop's controller, late by some samples."""
+    fed = parity.Signals(record, loop).fed(replace(loop.controller, limit=np.inf))
+    late = np.concatenate([np.full(delay, fed[0]), fed[: len(fed) - delay]])
+    late += noise * np.std(late) * np.random.default_rng(0).standard_normal(len(late))
+    limit = loop.controller.limit
+    return record.replace(nu=np.clip(late, -limit, limit)[:, None])
+
+
+def test_a_delay_that_the_liveliest_part_cannot_tell_is_found_in_the_rest(loop):
+    """At constant speed a delay is a constant offset, which an added constant makes up for."""
+    t = np.arange(30000) * 1e-4
+    speed = sum(
+        way * 0.1 * np.clip(np.minimum((t - at) / 0.1, (1.3 - t + at) / 0.1), 0.0, 1.0)
+        for at, way in ((0.1, 1.0), (1.6, -1.0))
+    )
+    asked = np.cumsum(speed) * 1e-4
+    q = np.round(lfilter([6e-3], [1.0, -(1.0 - 6e-3)], asked) / 1e-6) * 1e-6
+    law = replace(loop, controller=replace(loop.controller, limit=np.inf))
+    record = commanded(iv.Record(t, q, q_ref=asked, nu=np.sin(t)), law, 3, noise=3e-4)
+    found = parity.check(record, law, read=False, oversampling=1)
+    assert found.delay == 3 and not found.mismatch and found.after < 1e-3
+
+
+@pytest.mark.parametrize("clipped", [0.5, 1.0])
+def test_a_delay_is_found_where_the_liveliest_part_is_at_a_limit(loop, clipped):
+    given = iv.datasets.twin()
+    part = given.liveliest_span(4000)
+    asked = given.q_ref.copy()
+    asked[part.start : part.start + int(clipped * 4000)] += 0.3
+    record = commanded(given.replace(q_ref=asked), loop, 3, noise=1e-3)
+    found = parity.check(record, loop, read=False, oversampling=1)
+    assert found.delay == 3 and not found.mismatch
+
+
+def test_what_is_constant_in_the_liveliest_part_is_no_matter(loop):
+    """The reference of a step is, and so is an added input before and after its pulse."""
+    t = np.arange(30000) * 1e-4
+    since = np.clip(t - 0.2, 0.0, None) / 0.3
+    q = 0.1 * (1.0 - (1.0 + since) * np.exp(-since))
+    law = replace(loop, controller=replace(loop.controller, limit=np.inf))
+    step = iv.Record(t, q, q_ref=np.where(t >= 0.2, 0.1, 0.0), nu=np.sin(t))
+    assert parity.check(commanded(step, law, 3), law, read=False, oversampling=1).delay == 3
+    given = iv.datasets.twin()
+    part, added = given.liveliest_span(4000), np.zeros((given.n_samples, 1))
+    added[part.stop + 1000 : part.stop + 2000] = 0.2
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(given.nu.shape)
+    pushed = given.replace(added=added, nu=given.nu + 2.0 * added + noise)
+    found = parity.check(pushed, loop, read=False)
+    assert found.mismatch == {"added": pytest.approx(1.0, rel=0.01)}
