@@ -201,22 +201,16 @@ class Record:
 
         At least 600; a few less than n, where a stretch would be cut short.
         """
-        part = self.liveliest_span(n)
-        whole = part.stop - part.start == self.n_samples
-        return self if whole else self.slice(part.start, part.stop)
-
-    def liveliest_span(self, n: int = LIVELY) -> slice:
-        """Return where those samples lie."""
         n = max(n, 3 * checks.MIN_SAMPLES)
         if n >= self.n_samples:
-            return slice(0, self.n_samples)
+            return self
         moved = np.sum(np.diff(self.q, axis=0, prepend=self.q[:1]) ** 2, axis=1)
         total = np.concatenate([[0.0], np.cumsum(moved)])
         first = int(np.argmax(total[n:] - total[:-n]))
         last = first + n
         start = next((k for k in self.breaks if first < k < first + checks.MIN_SAMPLES), first)
         stop = next((k for k in self.breaks if last - checks.MIN_SAMPLES < k < last), last)
-        return slice(start, stop)
+        return self.slice(start, stop)
 
     @property
     def signals(self) -> dict[str, NDArray[np.float64]]:

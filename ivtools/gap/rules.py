@@ -149,7 +149,7 @@ SINGLE = 1e-3
 #: Samples of a log by which the delay that it shows then differs at most (training: 0.2 where noise
 #: of the encoder hides it).
 FASTER_LATE = 0.25
-#: Samples of a log that tell a law, its rate, or which delays it may have (cost).
+#: Samples of a log that tell a law, or its rate (cost).
 LAW_TOLD = 4000
 #: Share of the parity error's energy around one sample that points to a bad row (judgement).
 ONE_PLACE = 0.99

@@ -249,17 +249,14 @@ def _others(record: Record, found: Parity) -> tuple[bool, bool]:
     return left < LAW_THERE * min(found.after, alone), left**2 < LAW_BETTER * found.after**2
 
 
-def _checked(record: Record, loop: ClosedLoop, count: int = 1) -> tuple[Parity, Signals]:
-    """Return how the declared law compares, and the signals, which know their limit.
-
-    The record may have been interpolated, to `count` samples for each of the log.
-    """
+def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
+    """Return how the declared law compares, and the signals, which know their limit."""
     signals = Signals(record, loop)
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
     signals, limit, clipped = limit_of(signals, loop.controller)
     free = ~clipped
     if signals.share(declared) > ROUNDING:
-        kept, delay = best_delay(signals, loop.controller, free, LAW_TOLD * count)
+        kept, delay = best_delay(signals, loop.controller, free)
     else:
         kept, delay = {}, loop.controller.delay
     controller = corrected(loop.controller, delay, kept, limit)
@@ -315,7 +312,7 @@ def _at_rate(record: Record, loop: ClosedLoop, count: int) -> Parity:
 
     What a controller saw between them is not logged: other settings must take most of the error.
     """
-    found, _ = _checked(interpolated(record, count), loop, count)
+    found, _ = _checked(interpolated(record, count), loop)
     found = replace(found, oversampling=count)
     if not found.mismatch or _takes(found.before**2, found.after**2, 0.0):
         return found

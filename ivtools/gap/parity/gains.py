@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -34,55 +33,31 @@ _MOVE = 1e-3  # of a gain, in its finite differences
 
 
 def best_delay(
-    signals: Signals, controller: Controller, free: NDArray[np.bool_], samples: int
+    signals: Signals, controller: Controller, free: NDArray[np.bool_]
 ) -> tuple[dict[str, float], int]:
-    """Return the mismatch that is worth a name, at the delay that explains most, and that.
-
-    The samples in which the axis moves most, so many, tell which delays it may be, unless most of
-    them are at a limit; which of these and of the declared one it is, the whole record does.
-    """
-
-    def fitted(of: Signals, near: Mapping[int, Array | None]) -> list[_Gains]:
-        """Return the fits at some delays, from near what is known."""
-        return _fitted([_Gains(delay, of, controller, free, x) for delay, x in near.items()])
-
-    near: dict[int, Array | None] = dict.fromkeys(range(MAX_DELAY + 1))
-    part = signals.part(samples)
-    if np.mean(free[part.span]) > 0.5:
-        near = {controller.delay: None} | {fit.delay: fit.x for fit in fitted(part, near)}
-    best = min(fitted(signals, near), key=lambda fit: fit.cost)
-    return _material(signals, controller, best), best.delay
-
-
-def _fitted(fits: list[_Gains]) -> list[_Gains]:
-    """Return fits at several delays, without those that fall far behind on the way."""
+    """Return the mismatch that is worth a name, at the delay that explains most, and that."""
+    fits = [_Gains(signals, controller, delay, free) for delay in range(MAX_DELAY + 1)]
     for _ in range(GAIN_STEPS):
         threaded(_Gains.step, fits)
         least = min(fit.cost for fit in fits)
         fits = [fit for fit in fits if fit.cost <= DELAY_TOLD * least]
-    return fits
+    best = min(fits, key=lambda fit: fit.cost)
+    return _material(signals, controller, best), best.delay
 
 
 class _Gains:
     """The mismatch that explains most of the command at one delay, as far as it is fitted."""
 
     def __init__(
-        self,
-        delay: int,
-        signals: Signals,
-        controller: Controller,
-        free: NDArray[np.bool_],
-        near: Array | None = None,
+        self, signals: Signals, controller: Controller, delay: int, free: NDArray[np.bool_]
     ) -> None:
         self.signals, self.delay = signals, delay
         self.controller = replace(controller, limit=np.inf)
-        self.names = [*controller.mismatches, *(["added"] if signals.pushed else [])]
-        self.rows = free[signals.span].copy()
-        self.rows[:PARITY_HEAD] = False
+        self.names = [*controller.mismatches, *(["added"] if signals.added.any() else [])]
         self.x = np.zeros(len(self.names))
+        self.rows = free.copy()
+        self.rows[:PARITY_HEAD] = False
         self.e = self._error(self.x)
-        if near is not None:
-            self._go(near)
         self.columns = np.zeros((len(self.e), len(self.names)))
         self.ended = not self.names
 
@@ -92,12 +67,6 @@ class _Gains:
         added = values.pop("added", 0.0)
         law = self.controller.with_mismatch(**values)
         return self.signals.error(law, self.delay, added)[self.rows]
-
-    def _go(self, x: Array) -> None:
-        """Take other mismatches, if they leave less."""
-        e = self._error(x)
-        if float(e @ e) < self.cost:
-            self.x, self.e = x, e
 
     @property
     def cost(self) -> float:
@@ -125,8 +94,10 @@ class _Gains:
         move = np.linalg.lstsq(self.columns, self.e, rcond=1e-8)[0]
         before, self.ended = self.cost, True
         for factor in SHORTER:
-            self._go(np.clip(self.x - factor * move, least, GAIN_RANGE[1]))
-            if self.cost < before:
+            x = np.clip(self.x - factor * move, least, GAIN_RANGE[1])
+            e = self._error(x)
+            if float(e @ e) < before:
+                self.x, self.e = x, e
                 self.ended = self.cost > (1.0 - CONVERGED) * before
                 return
 

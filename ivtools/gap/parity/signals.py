@@ -38,9 +38,7 @@ class Signals:
 
     def __init__(self, record: Record, loop: ClosedLoop) -> None:
         self.record, self.joint, self.dt = record, loop.joint, record.dt
-        self.span = slice(0, record.n_samples)  # what is compared
         self.added = record.added[:, 0] if record.added is not None else np.zeros(record.n_samples)
-        self.pushed = bool(self.added.any())
         self.whole = loop.command(record)
         self.command = self.whole[:, 0]
         self.step = grid(self.command)
@@ -58,20 +56,9 @@ class Signals:
         other.limit, other.least = limit, least
         return other
 
-    def part(self, n: int) -> Signals:
-        """Return the same, compared in the n samples only in which the position changes most.
-
-        References are derived from the whole record: at an end they are not as the law had them.
-        """
-        other = copy(self)
-        other.span = span = self.record.liveliest_span(n)
-        other.command, other.added = self.command[span], self.added[span]
-        return other
-
     def seen(self, controller: Controller) -> Seen:
         """Return the inputs of a law, and what it gave."""
-        seen = Seen.of(controller, self.record, self.whole, self.joint)
-        return Seen(seen.inputs[self.span], seen.command[self.span])
+        return Seen.of(controller, self.record, self.whole, self.joint)
 
     def fed(self, controller: Controller) -> Array:
         """Return the command of the law fed with the measured position, settled at first, (n,)."""

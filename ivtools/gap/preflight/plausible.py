@@ -115,7 +115,7 @@ def _factor(signals: Signals, fed: Array, delay: int) -> tuple[float, float]:
     """Return the recorded command per command of the law, (n,), and what that leaves."""
     nu = signals.command[delay:]
     columns = [fed[: len(nu)], np.ones(len(nu))]
-    if signals.pushed:
+    if signals.added.any():
         columns.append(signals.added[delay:])
     X = np.column_stack(columns)
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
