@@ -75,6 +75,11 @@ class Simulated:
         """Sum of squares of the whitened error."""
         return float(self.e @ self.e)
 
+    @property
+    def rigid(self) -> bool:
+        """Whether the model has no second mass: the linear response is that of a rigid joint."""
+        return not any(t.second_mass for t in self.loop.terms)
+
     def jacobian(
         self, free: Sequence[str], step: Mapping[str, float], near: Fit | None = None
     ) -> Array:
@@ -86,7 +91,7 @@ class Simulated:
         joint. What a fit `near` by knows is taken from there.
         """
         fold, loop = self.fold, self.loop
-        rigid = fold.link is None or not any(t.search == "valleys" for t in loop.terms)
+        rigid = fold.link is None or self.rigid
         owner = {n: t for t in loop.terms for n in t.names}
         forces, J = {}, np.empty((len(self.e), len(free)))
         known = () if near is None else near.free
@@ -115,10 +120,10 @@ class Simulated:
     def answers(self, forces: Array) -> Array:
         """Return the change of the whitened error by forces in the columns, (n_kept, m).
 
-        The linear response is that of a rigid joint: beside a second mass each is simulated.
+        Where the linear response is not the model's each is simulated.
         """
         fold = self.fold
-        if not any(t.search == "valleys" for t in self.loop.terms):
+        if self.rigid:
             return fold.answers(forces)
         natural = STEP * fold.scales.sizes["force"]
 

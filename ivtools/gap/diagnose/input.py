@@ -237,7 +237,7 @@ def _on_time(now: Input) -> Input:
     for samples in sorted({one.samples for one in late if one}):
         moved = {k: one for k, one in enumerate(late) if one and one.samples == samples}
         acted = [(one.record, one.checked) for one in moved.values()]
-        found = threaded(lambda pair: preflight.inspect(pair[0], loop, pair[1]), acted)
+        found = threaded(lambda m: preflight.inspect(m.record, loop, m.checked), moved.values())
         if any(f.fatal for each in found for f in each):
             continue
         before = [(logged[k], now.compared[k]) for k in moved]
