@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ivtools as iv
-from benchmarks import moves
+from benchmarks import moves, populations
 from ivtools.gap import between, parity, preflight
 from ivtools.gap.fold import stepped
 from ivtools.gap.preflight import logged
@@ -35,8 +35,8 @@ def pair(loop, **effects):
     return [moves.record(loop, theta, SECONDS, seed) for seed in (1, 2)]
 
 
-def rounded(record):
-    return record.replace(q_ref=STEP * np.round(record.q_ref / STEP))
+def rounded(record, step=STEP):
+    return record.replace(q_ref=step * np.round(record.q_ref / step))
 
 
 def late(record, samples):
@@ -65,13 +65,38 @@ def test_a_smooth_motion_comes_back_from_a_rounded_one():
     assert np.std(smooth - fine) < 0.1 * np.std(coarse - fine)
 
 
-def test_a_rounded_reference_makes_no_gap_and_hides_no_effect():
+@pytest.mark.parametrize("step", [1e-6, 2e-6, 2e-5])
+def test_a_rounded_reference_makes_no_gap_and_hides_no_effect(step):
     loop = follows_speed()
     for effects in ({}, {"asymmetric-viscous": {"delta": -40.0}}):
-        one, two = (rounded(r) for r in pair(loop, **effects))
+        one, two = (rounded(r, step) for r in pair(loop, **effects))
         found = iv.diagnose(one, loop, two)
         assert found.effects == tuple(effects)
-        assert len(said(found, "q_ref is rounded to 2 µm")) == 2
+        assert found.verdict == ("explained" if effects else "adequate")
+        assert len(said(found, f"q_ref is rounded to {1e6 * step:g} µm")) == 2
+
+
+@pytest.mark.parametrize("kind", populations.KINDS)
+def test_commands_tell_the_reference_that_was_rounded(kind):
+    """And a law whose gains are wrong by a few per cent does not make another one of it."""
+    for seed in range(4):
+        rng = np.random.default_rng([seed, populations.KINDS.index(kind)])
+        loop, theta, stroke = populations.axis(rng, ("prismatic", "revolute")[seed % 2])
+        law = populations.controller(rng, kind, theta["inertia"], 1e3)
+        law = replace(
+            populations.surrounded(rng, law, 1e3), feedforward={"acceleration": theta["inertia"]}
+        )
+        loop = replace(loop, controller=populations.scaled(law, loop.gain))
+        motion = populations.reference(rng, 6000, 1e3, stroke)
+        ran = loop.simulate(motion, theta, initial="rest", quantum=1e-6 * stroke)
+        exact, step = motion.replace(q=ran.q, nu=ran.nu), stroke * 10 ** rng.uniform(-5.5, -4.0)
+        coarse = step * np.round(exact.q_ref[:, 0] / step)
+        smooth = exact.replace(q_ref=logged.smoothed(coarse, step))
+
+        wrong = replace(loop, controller=loop.controller.scaled(1.05))
+        told, false = (logged.implied(coarse, smooth, one) for one in (loop, wrong))
+        assert np.std(told - exact.q_ref[:, 0]) < 0.2 * step
+        assert np.std(false - exact.q_ref[:, 0]) > 5.0 * step
 
 
 def test_a_reference_that_the_controller_had_rounded_stays():

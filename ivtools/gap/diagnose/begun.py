@@ -165,9 +165,11 @@ def _inspected(now: Input) -> Inspected:
         """Ask the record for its own law where it has another one.
 
         What a law leaves that was read from one may be a little more, on that one as well: where
-        that is noisy the law was read below some frequency.
+        that is noisy the law was read below some frequency. So may that of a record whose reference
+        is not the logged one.
         """
-        doubted = p.after > PARITY_POOR if identified else parity.doubted(record, p)
+        inexact = identified or record.name in now.inexact
+        doubted = p.after > PARITY_POOR if inexact else parity.doubted(record, p)
         return parity.check(record, loop, oversampling=1) if doubted else p
 
     checked = tuple(threaded(known, records, now.compared))

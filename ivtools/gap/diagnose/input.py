@@ -38,12 +38,16 @@ class Input:
         How the law compares with each record, once it was asked.
     said : tuple of Finding
         What was done to the records and the law, and why.
+    inexact : frozenset of str
+        Names of records whose reference is not the logged one, which was rounded: no law repeats
+        their commands to the last digit.
     """
 
     task: Task
     loop: ClosedLoop
     compared: Sequence[Parity] = ()
     said: tuple[Finding, ...] = ()
+    inexact: frozenset[str] = frozenset()
 
     @property
     def records(self) -> tuple[Record, ...]:
@@ -109,7 +113,8 @@ def _finer(now: Input) -> Input:
     """Take references as the controller had them."""
     for role, one in now.task.given.items():
         finer, said = preflight.finer(one, now.loop)
-        now = now.then(preflight.named(said, one), {role: finer})
+        inexact = now.inexact | {one.name} if said else now.inexact
+        now = now.then(preflight.named(said, one), {role: finer}, inexact=inexact)
     return now
 
 

@@ -13,25 +13,32 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import fft, signal
 
 from ...errors import IVToolsError
 from ...loop import ClosedLoop, Controller
+from ...loop.controllers import answer, other_derivative, references
 from ...physics import TERMS, Term
 from ...record import Record
 from ...units import JOINTS, percent, plural, quantity
 from .. import parity
 from ..parity import Parity
 from ..rules import (
+    DEPENDENT,
     EDGES,
+    ENDS,
     GAIN_NEEDED,
+    IMPLIED,
     LATENESS,
     LAW_BETTER,
     LAW_ERROR,
     LAW_THERE,
+    LEAST_ANSWER,
     MISPLACED,
+    PARITY_HEAD,
     PARITY_POOR,
     REFERENCE_BETTER,
+    ROUGHNESS,
     ROUND,
     ROUNDING,
     SMOOTHED,
@@ -47,7 +54,8 @@ COMMANDS, REFERENCES = ("nu", "tau"), ("q_ref", "dq_ref")
 def finer(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
     """Return a record with its reference before that was rounded, and what to say.
 
-    It is as it was where the controller had the rounded one, or it makes no difference.
+    It is as it was where the controller had the rounded one, or it makes no difference. Taken is
+    the one that the commands imply, if rounding it may give the logged one; else a smooth one.
     """
     if record.q_ref is None or loop.controller.kind == "none":
         return record, []
@@ -55,23 +63,87 @@ def finer(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
     if not step:
         return record, []
     other = record.replace(q_ref=smoothed(record.q_ref[:, 0], step))
-    before, after = (_law_error(r, loop) for r in (record, other))
-    if not after < REFERENCE_BETTER * before:
+    before, after = (_checked(r, loop) for r in (record, other))
+    if before is None or after is None or not after.after < REFERENCE_BETTER * before.after:
         return record, []
+    taken = f"a smooth one, which is taken, by {percent(after.after)}"
+    logged = record.q_ref[:, 0]
+    for law in _may_be(after):
+        told = implied(logged, other, replace(after.loop, controller=law))
+        if told is not None and _rounds(told, logged, step):
+            other = record.replace(q_ref=told)
+            taken = "the one that the commands tell, which is taken, by next to nothing"
+            break
     text = (
         f"q_ref is rounded to {quantity(step, JOINTS[loop.joint].length, 3)}, and the controller "
-        f"had a finer one: with it the law is off the command by {100 * before:.2g} %, with a "
-        f"smooth one, which is taken, by {100 * after:.2g} %; log more digits"
+        f"had a finer one: with it the law is off the command by {percent(before.after)}, with "
+        f"{taken}; log more digits"
     )
     return other, [Finding(text, fatal=False)]
 
 
-def _law_error(record: Record, loop: ClosedLoop) -> float:
-    """Return the relative parity error, inf if there is no law."""
+def _checked(record: Record, loop: ClosedLoop) -> Parity | None:
+    """Return how the law compares, None if there is none."""
     try:
-        return parity.check(record, loop.known(record), read=False).after
+        return parity.check(record, loop.known(record), read=False)
     except IVToolsError:
-        return float("inf")
+        return None
+
+
+def _may_be(checked: Parity) -> tuple[Controller, ...]:
+    """Return the laws whose reference a smooth one may stand for: as declared, and as found.
+
+    None of a controller that takes several samples for each of the log.
+    """
+    if checked.oversampling > 1:
+        return ()
+    found = checked.loop.controller
+    stated = replace(checked.declared, limit=found.limit)
+    way = other_derivative(stated.reference_derivative)
+    return stated, replace(stated, reference_derivative=way), found
+
+
+def implied(rounded: Array, record: Record, loop: ClosedLoop) -> Array | None:
+    """Return the reference with which the loop's law gives its commands, (n_samples,), if any.
+
+    By the inverse of the law's answer to its reference. What the commands do not tell, before the
+    record, after it, and while the velocity is a guess, is such that the reference is smooth there,
+    and near to what was logged, (n_samples,).
+    """
+    controller, n = loop.controller, record.n_samples
+    size = fft.next_fast_len(2 * n, real=True)
+    z = np.exp(2j * np.pi * fft.rfftfreq(size))
+    z[0] = z[1]  # at rest an integrator answers without end
+    forward = answer(controller, z, record)
+    least = LEAST_ANSWER * np.median(np.abs(forward))
+    if not least:
+        return None
+    inverse = forward.conj() / (np.abs(forward) ** 2 + least**2)
+    first, last = len(controller.law(record.dt).taps) - 1, n - controller.delay - 1
+    unknown = [*range(-PARITY_HEAD, first), *range(last, last + PARITY_HEAD)]
+    asked = fft.irfft(inverse, size)  # of the reference, by one sample of the error
+    free = np.column_stack([np.roll(asked, k)[:n] for k in unknown])
+    reference = references(record, controller)[0]
+    for _ in range(IMPLIED):
+        known = record.replace(q_ref=reference)
+        error = parity.Signals(known, loop).error(controller, controller.delay, 0.0)
+        told = np.append(np.zeros(first), error[controller.delay :][first:last])
+        reference = reference + fft.irfft(inverse * fft.rfft(told, size), size)[:n]
+        left = np.append(_ends(reference - rounded), _ends(reference, ROUGHNESS))
+        ways = np.vstack([_ends(free), _ends(free, ROUGHNESS)])
+        reference -= free @ np.linalg.lstsq(ways, left, rcond=DEPENDENT)[0]
+    return reference
+
+
+def _ends(x: Array, order: int = 0) -> Array:
+    """Return signals, (n_samples, ...), near their ends, or their differences of an order."""
+    return np.concatenate([np.diff(part, order, axis=0) for part in (x[:ENDS], x[-ENDS:])])
+
+
+def _rounds(x: Array, rounded: Array, step: float) -> bool:
+    """Whether rounding a signal to a step may give another one."""
+    off = (rounded - x) / step
+    return bool(np.mean(off**2) < SMOOTHED[0] and np.max(np.abs(off)) < SMOOTHED[1])
 
 
 def smoothed(x: Array, step: float) -> Array:
@@ -83,8 +155,7 @@ def smoothed(x: Array, step: float) -> Array:
     for cutoff in np.geomspace(*SMOOTHEST):
         sos = signal.butter(3, cutoff, output="sos")
         y = signal.sosfiltfilt(sos, x, padlen=min(len(x) - 1, int(EDGES / cutoff)))
-        off = (y - x) / step
-        if np.mean(off**2) < SMOOTHED[0] and np.max(np.abs(off)) < SMOOTHED[1]:
+        if _rounds(y, x, step):
             return np.asarray(y)
     return x
 

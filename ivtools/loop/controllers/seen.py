@@ -164,6 +164,23 @@ def speed_reference(record: Record, way: str) -> Array:
     return derivative(record.q_ref[:, 0], record.dt, way)
 
 
+def answer(
+    controller: Controller, z: NDArray[np.complex128], record: Record
+) -> NDArray[np.complex128]:
+    """Return the transfer function from the position reference to the command, (len(z),).
+
+    Limits aside, and feed-forwards that are not linear; a logged velocity reference is given.
+    """
+    law, fed = controller.law(record.dt), controller.feedforward
+    direct = law.response(z, "q_ref")
+    if record.dq_ref is not None:
+        return direct
+    backward = controller.reference_derivative == "backward"
+    slope = (1.0 - 1.0 / z if backward else (z - 1.0 / z) / 2.0) / record.dt
+    ahead = fed.get("velocity", 0.0) + fed.get("acceleration", 0.0) * slope
+    return direct + slope * (law.response(z, "dq_ref") + ahead * law.response(z, "feed"))
+
+
 def feedforward(name: str, record: Record, joint: str, way: str) -> Array:
     """Return the signal, (n_samples,), that the gain of a feed-forward multiplies.
 
