@@ -134,6 +134,22 @@ def test_feed_forwards_that_are_not_in_the_log_are_told(kind):
     assert any("kg m2 of inertia feed-forward is in the command" in t for t in report.remains)
 
 
+@pytest.mark.parametrize("share", [0.03, 0.15, 0.5])
+@pytest.mark.parametrize("kind", ["pd", "pid", "p-pi", "pi-velocity", "p-velocity"])
+def test_a_velocity_that_is_fed_forward_beside_its_whole_reference_is_found(kind, share):
+    """Together they are more of it than a weight, which is 1 at most."""
+    loop, theta, record = played(2, kind)
+    law = loop.controller
+    fed = {"velocity": share * law.settings["kd" if "kd" in law.settings else "kv"]}
+    law = replace(law, settings={**law.settings, "c": 1.0}, feedforward=fed)
+    loop = replace(loop, controller=law)
+    made = loop.simulate(record, theta, initial="rest", quantum=1e-5 * np.ptp(record.q))
+    record = record.replace(q=made.q, nu=made.nu)
+    report = replace(loop, controller=UNKNOWN).identify_controller(record)[1]
+    assert 1.0 - report.r2 < 1e-7
+    assert report.controller.delay == law.delay
+
+
 def test_another_feedback_is_found_by_its_column():
     rng = np.random.default_rng(2)
     loop, theta, record = played(2, "cascade-pd")

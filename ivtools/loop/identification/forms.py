@@ -94,11 +94,8 @@ class Form:
             found = KINDS[self.kind].from_columns(collected)
         except (KeyError, ZeroDivisionError):
             return []
-        return [
-            self.around(known, data, settings)
-            for settings in found
-            if np.isfinite(list(settings.values())).all() and plausible(settings, sign)
-        ]
+        settings = [_weighted(s) for s in found if np.isfinite(list(s.values())).all()]
+        return [self.around(known, data, s) for s in settings if plausible(s, sign)]
 
     def ahead(self, controller: Controller) -> list[Controller]:
         """Return the law with what of the velocity reference its weight of it does not say.
@@ -128,6 +125,12 @@ class Form:
             feedback=back,
             filter=None,
         )
+
+
+def _weighted(settings: Mapping[str, float]) -> dict[str, float]:
+    """Return settings without a weight above 1: what is above it is fed forward."""
+    above = settings.get("c", 0.0) > 1.0 + _SLACK
+    return {**settings, "c": 1.0} if above else {**settings}
 
 
 def plausible(settings: Mapping[str, float], sign: float) -> bool:
