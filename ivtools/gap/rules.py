@@ -120,9 +120,9 @@ EDGES = 6.0
 #: Most that the filter may change, in steps: their mean square, and in one sample (theory: rounding
 #: makes a twelfth and a half; corners of a motion add a little).
 SMOOTHED = (0.12, 1.5)
-#: Answer of a law to its reference, of the median over frequencies, below which its commands tell
+#: Response of a law to its reference, of the median over frequencies, below which its commands tell
 #: next to nothing of that, and times that the reference is put right (numerics).
-LEAST_ANSWER, IMPLIED = 1e-3, 2
+LEAST_RESPONSE, IMPLIED = 1e-3, 2
 #: Samples at either end of it that must be smooth where the commands do not tell them, and the
 #: order of the differences that say so (numerics: accelerations show in the first three).
 ENDS, ROUGHNESS = 200, 4

@@ -17,7 +17,7 @@ from scipy import fft, signal
 
 from ...errors import IVToolsError
 from ...loop import ClosedLoop, Controller
-from ...loop.controllers import answer, other_derivative, references
+from ...loop.controllers import other_derivative, reference_response, references
 from ...physics import TERMS, Term
 from ...record import Record
 from ...units import JOINTS, percent, plural, quantity
@@ -33,7 +33,7 @@ from ..rules import (
     LAW_BETTER,
     LAW_ERROR,
     LAW_THERE,
-    LEAST_ANSWER,
+    LEAST_RESPONSE,
     MISPLACED,
     PARITY_HEAD,
     PARITY_POOR,
@@ -55,7 +55,7 @@ def finer(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
     """Return a record with its reference before that was rounded, and what to say.
 
     It is as it was where the controller had the rounded one, or it makes no difference. Taken is
-    the one that the commands imply, if rounding it may give the logged one; else a smooth one.
+    the one that the commands tell, if rounding it may give the logged one; else a smooth one.
     """
     if record.q_ref is None or loop.controller.kind == "none":
         return record, []
@@ -66,18 +66,13 @@ def finer(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
     before, after = (_checked(r, loop) for r in (record, other))
     if before is None or after is None or not after.after < REFERENCE_BETTER * before.after:
         return record, []
-    taken = f"a smooth one, which is taken, by {percent(after.after)}"
-    logged = record.q_ref[:, 0]
-    for law in _may_be(after):
-        told = implied(logged, other, replace(after.loop, controller=law))
-        if told is not None and _rounds(told, logged, step):
-            other = record.replace(q_ref=told)
-            taken = "the one that the commands tell, which is taken, by next to nothing"
-            break
+    told = _told(record.q_ref[:, 0], step, other, after)
+    which = "a smooth one" if told is None else "the one that the commands tell"
+    other, left = (other, after.after) if told is None else told
     text = (
         f"q_ref is rounded to {quantity(step, JOINTS[loop.joint].length, 3)}, and the controller "
         f"had a finer one: with it the law is off the command by {percent(before.after)}, with "
-        f"{taken}; log more digits"
+        f"{which}, which is taken, by {percent(left)}; log more digits"
     )
     return other, [Finding(text, fatal=False)]
 
@@ -90,23 +85,42 @@ def _checked(record: Record, loop: ClosedLoop) -> Parity | None:
         return None
 
 
-def _may_be(checked: Parity) -> tuple[Controller, ...]:
-    """Return the laws whose reference a smooth one may stand for: as declared, and as found.
+def _told(
+    rounded: Array, step: float, smooth: Record, checked: Parity
+) -> tuple[Record, float] | None:
+    """Return a record with the reference that its commands tell, and the parity error with that.
+
+    None if no law, as declared or as found with a `smooth` reference, tells one that rounding makes
+    the logged one, (n_samples,).
+    """
+    for loop in _may_be(checked):
+        reference = implied(rounded, smooth, loop)
+        if reference is not None and _rounds(reference, rounded, step):
+            record, law = smooth.replace(q_ref=reference), loop.controller
+            signals = parity.Signals(record, loop)
+            return record, signals.share(signals.error(law, law.delay, 0.0))
+    return None
+
+
+def _may_be(checked: Parity) -> list[ClosedLoop]:
+    """Return the loops whose reference a smooth one may stand for: as declared, and as found.
 
     None of a controller that takes several samples for each of the log.
     """
     if checked.oversampling > 1:
-        return ()
+        return []
     found = checked.loop.controller
     stated = replace(checked.declared, limit=found.limit)
     way = other_derivative(stated.reference_derivative)
-    return stated, replace(stated, reference_derivative=way), found
+    laws = [stated, replace(stated, reference_derivative=way)]
+    laws += [found] if found != stated else []
+    return [replace(checked.loop, controller=law) for law in laws]
 
 
 def implied(rounded: Array, record: Record, loop: ClosedLoop) -> Array | None:
     """Return the reference with which the loop's law gives its commands, (n_samples,), if any.
 
-    By the inverse of the law's answer to its reference. What the commands do not tell, before the
+    By the inverse of the law's response to its reference. What the commands do not tell, before the
     record, after it, and while the velocity is a guess, is such that the reference is smooth there,
     and near to what was logged, (n_samples,).
     """
@@ -114,8 +128,8 @@ def implied(rounded: Array, record: Record, loop: ClosedLoop) -> Array | None:
     size = fft.next_fast_len(2 * n, real=True)
     z = np.exp(2j * np.pi * fft.rfftfreq(size))
     z[0] = z[1]  # at rest an integrator answers without end
-    forward = answer(controller, z, record)
-    least = LEAST_ANSWER * np.median(np.abs(forward))
+    forward = reference_response(controller, z, record)
+    least = LEAST_RESPONSE * np.median(np.abs(forward))
     if not least:
         return None
     inverse = forward.conj() / (np.abs(forward) ** 2 + least**2)

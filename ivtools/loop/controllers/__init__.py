@@ -3,7 +3,7 @@
 from .controller import ANTI_WINDUP, Controller
 from .kinds import KINDS, Kind
 from .law import INPUTS, LinearLaw
-from .seen import Seen, answer, other_derivative, references
+from .seen import Seen, other_derivative, reference_response, references
 from .velocity import backward_difference
 
 __all__ = [
@@ -15,7 +15,7 @@ __all__ = [
     "LinearLaw",
     "Seen",
     "backward_difference",
-    "answer",
     "other_derivative",
+    "reference_response",
     "references",
 ]

@@ -164,7 +164,7 @@ def speed_reference(record: Record, way: str) -> Array:
     return derivative(record.q_ref[:, 0], record.dt, way)
 
 
-def answer(
+def reference_response(
     controller: Controller, z: NDArray[np.complex128], record: Record
 ) -> NDArray[np.complex128]:
     """Return the transfer function from the position reference to the command, (len(z),).
