@@ -29,6 +29,7 @@ from ..rules import (
     MUTATION,
     RECOMBINATION,
     SECOND_CROWD,
+    SHALLOW,
     VALLEY_DEPTH,
     VALLEY_SAMPLES,
     VALLEY_TIME,
@@ -141,8 +142,9 @@ def _deepest(
     boxes: list[tuple[Box, dict[bytes, float]]] = [(b, {}) for b in Box.of(term, scales)]
     found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), seen) for b, seen in boxes]
     least = min(found, key=_cheapest)[0]
-    if left > LARGE and least > VALLEY_DEPTH * plain:
+    if left > LARGE and least > SHALLOW * plain:
         # a valley may lie between few points, and they in a shallow one
+        boxes += [(b, {}) for f in fits[1:] for b in Box.of(term, f.fold.scales)]
         denser = [b for b in boxes if _power(b[0], SECOND_CROWD) > _power(b[0], FIRST_CROWD)]
         found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), seen) for b, seen in denser]
     if left > ADEQUATE and least > MOST * plain:
