@@ -463,10 +463,10 @@ FIRST_CROWD = 2
 #: Exponent of two at least, dimensions included: 2^7 points (training: the valley of a light link
 #: is as narrow as a twentieth of its frequency, and 64 points missed one at 12.6 Hz).
 LEAST_CROWD = 7
-#: `FIRST_CROWD` of a second search, in the natural units of every record, where the best that the
-#: first finds leaves more than this share of the energy (training: a gap that 512 points miss, or
-#: of which they find a shallow place; from other points half of the searches end where 0.35 is
-#: left, the others where 0.04 is).
+#: `FIRST_CROWD` of a second search, in the natural units of the record that shows more, where the
+#: best of the first, in those of the other, leaves more than this share of the energy (training: a
+#: gap that 512 points miss, or of which they find a shallow place; half of such searches end where
+#: 0.35 is left, the others where 0.04 is).
 SECOND_CROWD, SHALLOW = 4, 0.3
 #: A large gap: whitened energy that everything else must leave for that, and that the base model
 #: must leave on one record for effects to be looked for in it alone, where both together name

@@ -134,22 +134,20 @@ def _deepest(
         return []
     costs = [_cost(f, term) for f in fits]
     rigid = [c(None) for c in costs]
-    costs = [costs[k] for k in np.argsort(rigid)[::-1]]  # the one that shows most first
+    order = np.argsort(rigid)[::-1]  # the one that shows most first
+    costs = [costs[k] for k in order]
     plain, known = sum(rigid), dict(place or {})
     if known and sum(c(known) for c in costs) < HOPELESS * plain:
         return [known]
-    scales = fits[0].fold.scales
-    boxes: list[tuple[Box, dict[bytes, float]]] = [(b, {}) for b in Box.of(term, scales)]
-    found = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), seen) for b, seen in boxes]
+    most, *_, last = (fits[k].fold.scales for k in (*order, order[-1]))
+    found = [_evolved(costs, plain, b, FIRST_CROWD) for b in Box.of(term, last)]
     least = min(found, key=_cheapest)[0]
     if left > LARGE and least > SHALLOW * plain:
         # a valley may lie between few points, and they in a shallow one
-        boxes += [(b, {}) for f in fits[1:] for b in Box.of(term, f.fold.scales)]
-        denser = [b for b in boxes if _power(b[0], SECOND_CROWD) > _power(b[0], FIRST_CROWD)]
-        found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), seen) for b, seen in denser]
+        denser = [b for b in Box.of(term, most) if _power(b, SECOND_CROWD) > LEAST_CROWD]
+        found += [_evolved(costs, plain, b, SECOND_CROWD) for b in denser]
     if left > ADEQUATE and least > MOST * plain:
-        wider = Box.wider(term, scales)
-        found += [_evolved(costs, plain, b, _power(b, SECOND_CROWD), {}) for b in wider]
+        found += [_evolved(costs, plain, b, SECOND_CROWD) for b in Box.wider(term, most)]
     least, best = min(found, key=_cheapest)
     if least > HOPELESS * plain:
         _NOTHING.setdefault(fits[0].common, {})[term.name] = left
@@ -182,9 +180,9 @@ def beside(fits: Sequence[Fit], term: Term, first: Point) -> tuple[list[Point], 
         return gauss_newton(fit.fold, loop, loop.values(beginning(fit, term)), fit.free, AGAIN)
 
     costs = [_cost(f, term, one) for f, one in zip(fits, threaded(tuned, fits), strict=True)]
-    plain = sum(c(None) for c in costs)
-    boxes = Box.of(term, fits[0].fold.scales)
-    each = [_evolved(costs, plain, b, _power(b, FIRST_CROWD), {}) for b in boxes]
+    shown = [c(None) for c in costs]
+    plain, boxes = sum(shown), Box.of(term, fits[int(np.argmax(shown))].fold.scales)
+    each = [_evolved(costs, plain, b, FIRST_CROWD) for b in boxes]
     return ([min(each, key=_cheapest)[1]],) * len(fits)
 
 
@@ -201,22 +199,18 @@ def _evolved(
     costs: Sequence[Callable[[Point | None], float]],
     plain: float,
     box: Box,
-    power: int,
-    seen: dict[bytes, float],
+    crowd: int,
 ) -> tuple[float, Point]:
     """Return the least cost in a box, of all folds together, and where it is.
 
-    It begins with the best of the points that fill the box, two to that `power`, and ends early
-    where they are nothing better than no effect at all. A point that costs more on one fold than
-    any that the search keeps is not tried on the other, which can only add to it. Of the points
-    that fill the box, the costs are added to those `seen`: few are among many.
+    It begins with the best of a `crowd` of points that fill the box, and ends early where they are
+    nothing better than no effect at all. A point that costs more on one fold than any that the
+    search keeps is not tried on the other, which can only add to it.
     """
     most = [plain]
 
     def cost(x: Array) -> float:
         """Return the cost of a point of the unit cube, or a part of it that is too much."""
-        if (known := seen.get(_key(x))) is not None:
-            return known
         point, total = box.point(x), 0.0
         for c in costs:
             total += c(point)
@@ -230,10 +224,8 @@ def _evolved(
             raise StopIteration
         most[0] = float(np.max(intermediate_result.population_energies))
 
-    drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(power)
-    found = threaded(cost, drawn)
-    seen |= {_key(x): c for x, c in zip(drawn, found, strict=True)}
-    order = np.argsort(found, kind="stable")
+    drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(_power(box, crowd))
+    order = np.argsort(threaded(cost, drawn), kind="stable")
     best = differential_evolution(
         cost,
         Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
@@ -248,11 +240,6 @@ def _evolved(
         rng=1,
     )
     return float(best.fun), box.point(best.x)
-
-
-def _key(x: Array) -> bytes:
-    """Return what tells a point of the unit cube, which the search scales to and fro."""
-    return x.round(9).tobytes()
 
 
 def _delivered(fits: tuple[Fit, ...], term: Term) -> list[Point]:
