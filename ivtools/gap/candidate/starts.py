@@ -207,10 +207,12 @@ def _evolved(
     nothing better than no effect at all. A point that costs more on one fold than any that the
     search keeps is not tried on the other, which can only add to it.
     """
-    most = [plain]
+    most, known = [plain], dict[bytes, float]()
 
     def cost(x: Array) -> float:
         """Return the cost of a point of the unit cube, or a part of it that is too much."""
+        if (seen := known.get(_key(x))) is not None:
+            return seen
         point, total = box.point(x), 0.0
         for c in costs:
             total += c(point)
@@ -225,7 +227,9 @@ def _evolved(
         most[0] = float(np.max(intermediate_result.population_energies))
 
     drawn = qmc.Sobol(box.dimensions, rng=1).random_base2(_power(box, crowd))
-    order = np.argsort(threaded(cost, drawn), kind="stable")
+    found = threaded(cost, drawn)
+    known |= {_key(x): c for x, c in zip(drawn, found, strict=True)}
+    order = np.argsort(found, kind="stable")
     best = differential_evolution(
         cost,
         Bounds(np.zeros(box.dimensions), np.ones(box.dimensions)),
@@ -240,6 +244,11 @@ def _evolved(
         rng=1,
     )
     return float(best.fun), box.point(best.x)
+
+
+def _key(x: Array) -> bytes:
+    """Return what tells a point of the unit cube, which the search scales to and fro."""
+    return x.round(9).tobytes()
 
 
 def _delivered(fits: tuple[Fit, ...], term: Term) -> list[Point]:
