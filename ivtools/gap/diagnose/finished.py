@@ -51,47 +51,38 @@ def finish(begun: Begun | Diagnosis, progress: Say | None = None, swung: float =
 
 def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diagnosis:
     """Put the diagnosis together."""
-    task, loop, measured, rules = begun.task, begun.loop, begun.measured, begun.rules
+    task, loop, measured = begun.task, begun.loop, begun.measured
     checked, held_out = tuple(m.parity for m in measured), task.holdout is not None
-    at_controller, values = parity.effects(checked)
+    shown = parity.effects(checked)
     places = result.places
-    outcome = _that_lower(loop, measured, result, fold, (at_controller, values), held_out, swung)
-    effects, result, shrink, traces, said = outcome
+    outcome = _that_lower(loop, measured, result, fold, shown, held_out, swung)
+    effects, result, traces = outcome.effects, outcome.result, outcome.traces
     if begun.strangers and not any(t.second_mass for t in result.fits[0].loop.terms):
         return refused(task.record, loop, checked, [*begun.strangers, *begun.found])
-    if begun.third is not None:
-        shrink = replace(shrink, judged=quantify.judge(loop, begun.third, result))
+    judged = _judged(begun, outcome, fold)
     before, after = cost(result.base), cost(result.held)
     given = len(begun.inspected.checked) - (task.judge is not None)
-    tell = task.described and after > CLEAN
-    left = _left(begun, result, fold) if tell else None
-    if left is not None and measured[-1].floor.between is None:
-        shrink = shrink.reaching(left.after / max(left.before, 1e-300))
-    repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
-    bent = repeats >= REPEATS and not shrink.slight(task.tolerance)  # by what has no name
-    likely = dict.fromkeys(at_controller, AT_CONTROLLER)
+    remark = [judged.remark] if judged.remark else []
+    likely = dict.fromkeys(shown[0], AT_CONTROLLER)
     likely |= {n: probability(proof) for n, proof in result.evidence.items()}
-    changed = {} if bent else verdict.changes(result, task.tolerance)
-    word = verdict.decide(effects, measured, result, shrink, changed, repeats, task.tolerance)
-    nameless = word == "unexplained" and tell
-    remark = verdict.remainder(result, shrink, left is not None) if nameless else None
     return Diagnosis(
-        verdict=word,
+        verdict=judged.verdict,
         effects=effects,
         ambiguous_with={e: result.ambiguous.get(e, []) for e in effects},
-        parameters={e: v for e, v in {**values, **result.parameters}.items() if e in effects},
+        parameters={e: v for e, v in {**shown[1], **result.parameters}.items() if e in effects},
         block=locate.block(
             effects,
             controller=any(p.delay != p.declared.delay for p in checked),
-            events=any(m.floor.isolated for m in measured) and not (bent or come_again(measured)),
-            gap=word != "adequate",
-            outside=remark is verdict.OUTSIDE,
+            events=any(m.floor.isolated for m in measured)
+            and not (judged.bent or come_again(measured)),
+            gap=judged.verdict != "adequate",
+            outside=judged.remark is verdict.OUTSIDE,
         ),
         regions=locate.regions(traces.record, traces.keep, traces.before, traces.after),
-        shrink=shrink,
-        ranking=verdict.ranking(result, rules, max(before, RANKED) - 1.0),
+        shrink=judged.shrink,
+        ranking=verdict.ranking(result, begun.rules, max(before, RANKED) - 1.0),
         advice=(*advice.motions(result), *advice.remarks(measured, result, held_out, given)),
-        findings=(*begun.found, *said, *([remark] if remark else [])),
+        findings=(*begun.found, *outcome.said, *remark),
         parity=checked,
         floors=tuple(m.floor for m in measured),
         loop=result.fits[0].loop,
@@ -103,14 +94,46 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         evidence=result.evidence,
         probability={e: p for e, p in likely.items() if e in effects},
         traces=traces,
-        changed=changed,
-        discrepancy=left,
+        changed=judged.changed,
+        discrepancy=judged.left,
         tolerance=task.tolerance,
         whole=_whole(measured[0], result) if task.whole else None,
         alternatives=result.alternatives if task.whole else (),
         supposed=None if effects else result.supposed,
         places=places,
     )
+
+
+class _Judged(NamedTuple):
+    """The verdict and what it rests on; whether a force without a name bends the parameters."""
+
+    verdict: str
+    changed: dict[str, verdict.Setting]
+    left: Discrepancy | None
+    shrink: quantify.Shrink
+    bent: bool
+    remark: Finding | None
+
+
+def _judged(begun: Begun, outcome: _Outcome, fold: Fold) -> _Judged:
+    """Return the verdict, once what is left is described and a third record has judged."""
+    task, measured, result, shrink = begun.task, begun.measured, outcome.result, outcome.shrink
+    if begun.third is not None:
+        shrink = replace(shrink, judged=quantify.judge(begun.loop, begun.third, result))
+    after = cost(result.held)
+    tell = task.described and after > CLEAN
+    left = _left(begun, result, fold) if tell else None
+    if left is not None and measured[-1].floor.between is None:
+        shrink = shrink.reaching(left.after / max(left.before, 1e-300))
+    repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
+    bent = repeats >= REPEATS and not shrink.slight(task.tolerance)
+    changed = {} if bent else verdict.changes(result, task.tolerance)
+    word = verdict.decide(
+        outcome.effects, measured, result, shrink, changed, repeats, task.tolerance
+    )
+    nameless = word == "unexplained" and tell
+    remark = verdict.remainder(result, shrink, left is not None) if nameless else None
+    return _Judged(word, changed, left, shrink, bent, remark)
 
 
 def _left(begun: Begun, result: Attribution, fold: Fold) -> Discrepancy | None:
