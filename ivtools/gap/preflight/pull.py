@@ -13,10 +13,11 @@ import numpy as np
 from ...errors import RecordError
 from ...loop import ClosedLoop, Controller
 from ...loop.bandwidth import margin_deg
+from ...loop.controllers.filters import LoopFilter
 from ...loop.observer import driven_by
 from ...loop.rough_inertia import shown_inertia
 from ...record import Record
-from ..rules import MARGIN, PULL_DAMPING, PULL_HZ, PULL_RATE
+from ..rules import MARGIN, PULL_DAMPING, PULL_FILTER, PULL_HZ, PULL_RATE
 from .findings import Finding
 
 _HELD = (
@@ -86,7 +87,9 @@ def pulled(record: Record, loop: ClosedLoop) -> tuple[Record, ClosedLoop]:
     inertia = _inertia(record, loop)
     hz = _pull_hz(record, loop, inertia)
     unit = inertia * 2.0 * np.pi * hz / loop.gain
-    pull = Controller("pd", {"kp": unit * 2.0 * np.pi * hz, "kd": 2.0 * PULL_DAMPING * unit})
+    gains = {"kp": unit * 2.0 * np.pi * hz, "kd": 2.0 * PULL_DAMPING * unit}
+    # else the noise of the encoder, differentiated, would move the model, and laws explain it
+    pull = Controller("pd", gains, filter=LoopFilter("lowpass", PULL_FILTER * hz))
     driven = driven_by(loop.command(record), record.q, record)  # smoothed, it would pull by itself
     sensed = replace(pull, velocity="logged")
     if record.dq is not None and sensed.known(record) is sensed:  # steps of the encoder are not it
