@@ -110,7 +110,7 @@ class Floor:
         return bool(self.events) and few and float(np.mean(self.event_mask)) < most
 
 
-def measure(fit: Fit, raw: Array, unknown: Array | None = None) -> Floor:
+def measure(fit: Fit, raw: Array, unknown: Array | None = None, driven: bool = False) -> Floor:
     """Measure the floor of a fold.
 
     Parameters
@@ -121,11 +121,14 @@ def measure(fit: Fit, raw: Array, unknown: Array | None = None) -> Floor:
         Force error of that fit, N or N m.
     unknown : ndarray, (n_samples, m), optional
         What the command answers to what is not known of the load: neither noise nor an event.
+    driven : bool
+        Whether the recorded command drives the model: its noise is the controller's answer to that
+        of the encoder, which is the error too, so that laws of it would explain the noise.
     """
     fold, keep, response = fit.fold, fit.fold.keep, fit.fold.response
     dt = fold.record.dt
     _require(raw)
-    simulation = fit.simulation
+    simulation = _without_noise(fit.simulation, dt) if driven else fit.simulation
     columns = response(features(simulation))
     if unknown is not None:
         columns = np.hstack([columns, unknown])
@@ -254,10 +257,18 @@ def _without_slow_forces(x: Array, keep: Mask, dt: float, most: float) -> Array:
     return x
 
 
+def _without_noise(simulation: Simulation, dt: float) -> Simulation:
+    """Return a simulation with what its signals have at low frequency."""
+    s = simulation
+    signals = (s.q, s.dq, s.ddq, s.nu, s.tau, s.where)
+    q, dq, ddq, nu, tau, place = (_below(x, SPLIT_HZ, dt) for x in signals)
+    return replace(s, q=q, dq=dq, ddq=ddq, nu=nu, tau=tau, place=place)
+
+
 def _below(x: Array, hz: float, dt: float) -> Array:
-    """Return what a signal has below a frequency, (n_samples,)."""
+    """Return what a signal has below a frequency, (n_samples, ...)."""
     sos = signal.butter(2, min(2 * hz * dt, SPLIT_RATE), output="sos")
-    return np.asarray(signal.sosfiltfilt(sos, x))
+    return np.asarray(signal.sosfiltfilt(sos, x, axis=0))
 
 
 def _quiet(x: Array, keep: Mask, dt: float) -> Mask:

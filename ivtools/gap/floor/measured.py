@@ -150,7 +150,7 @@ def measure(ready: Ready) -> Measured:
     fit, left = fitted(ready)
     fold, link = fit.fold, ready.link
     unknown = None if link is None or link.doubt is None else link.doubt.on(fold.record)
-    level = floor.measure(fit, left, unknown)
+    level = floor.measure(fit, left, unknown, ready.driven)
     rough = float(np.mean(level.event_mask))
     fold = replace(fold, whitener=level.whitener, link=link, rough=rough)
     if fold.doubt is None:  # else what is not known counts as noise
