@@ -21,6 +21,7 @@ from ..problem import Problem
 from ..record import Record
 from ..workers import threaded
 from .fold import Fold
+from .response import denoised
 from .rules import (
     AGAIN,
     CONVERGED,
@@ -69,6 +70,15 @@ class Simulated:
     def simulation(self) -> Simulation:
         """The loop at these values."""
         return self.fold.simulate(self.loop, self.values)
+
+    @cached_property
+    def denoised(self) -> Simulation:
+        """The simulation as laws of the state see it.
+
+        The noise of a recorded command that drives it is the controller's answer to that of the
+        encoder, which makes the error too: laws of it would explain the noise.
+        """
+        return denoised(self.simulation) if self.fold.driven else self.simulation
 
     @property
     def energy(self) -> float:

@@ -138,6 +138,8 @@ class Fold:
     label : str
     place : ndarray, (n_samples,), optional
         Where forces that depend on the position act, if not where the simulation is.
+    driven : bool
+        Whether the recorded command drives the model, and a pull holds it to the motion.
     ramp : bool
         Whether an added input goes straight from sample to sample; else it is held.
     link : Link, optional
@@ -168,6 +170,7 @@ class Fold:
     whitener: Array = field(default_factory=lambda: np.ones(1))
     label: str = "record"
     place: Array | None = None
+    driven: bool = False
     ramp: bool = False
     link: Link | None = None
     smooth: float = 1.0

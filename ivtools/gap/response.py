@@ -21,7 +21,15 @@ from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..record import Record
 from . import between
-from .rules import AFTER_REVERSAL, FORGETTING, MOVES, RESPONSE_TIME, SPEED_KNOTS
+from .rules import (
+    AFTER_REVERSAL,
+    FORGETTING,
+    MOVES,
+    RESPONSE_TIME,
+    SPEED_KNOTS,
+    SPLIT_HZ,
+    SPLIT_RATE,
+)
 
 Array = NDArray[np.float64]
 
@@ -134,6 +142,20 @@ def leaky(x: Array, seconds: float, dt: float, start: float = 0.0) -> Array:
     """Return a signal that is forgotten: a first-order lag, and what it was before."""
     a = float(np.exp(-dt / seconds))
     return np.asarray(signal.lfilter([1.0 - a], [1.0, -a], x, zi=[a * start])[0])
+
+
+def denoised(simulation: Simulation) -> Simulation:
+    """Return a simulation with what its signals have at low frequency."""
+    s, dt = simulation, float(simulation.t[1] - simulation.t[0])
+    signals = (s.q, s.dq, s.ddq, s.nu, s.tau, s.where)
+    q, dq, ddq, nu, tau, place = (below(x, SPLIT_HZ, dt) for x in signals)
+    return replace(s, q=q, dq=dq, ddq=ddq, nu=nu, tau=tau, place=place)
+
+
+def below(x: Array, hz: float, dt: float) -> Array:
+    """Return what a signal has below a frequency, (n_samples, ...)."""
+    sos = signal.butter(2, min(2 * hz * dt, SPLIT_RATE), output="sos")
+    return np.asarray(signal.sosfiltfilt(sos, x, axis=0))
 
 
 def memories(simulation: Simulation) -> Array:

@@ -88,7 +88,7 @@ class Laws:
     @classmethod
     def _along(cls, fits: Sequence[Fit]) -> Laws | None:
         """Return the laws along the motion of fits, made anew."""
-        runs = tuple(f.simulation for f in fits)
+        runs = tuple(f.denoised for f in fits)
         if not all(r.finite for r in runs):
             return None
         basis = Basis.of(runs)

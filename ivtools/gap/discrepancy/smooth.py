@@ -335,7 +335,7 @@ def smooth_rest(before: Sequence[Fit], after: Sequence[Fit]) -> float:
 def _imitation(b: Fit) -> Columns:
     """Return what smooth laws of the state do to the error of a fit."""
     if b not in _IMITATIONS:
-        run = b.simulation
+        run = b.denoised
         _IMITATIONS[b] = Columns(b, b.fold.answers(Basis.of([run]).additive(run)))
     return _IMITATIONS[b]
 
@@ -353,7 +353,7 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
     period : float
         Of the line over position, m or rad.
     """
-    runs = [f.simulation for f in before]
+    runs = [f.denoised for f in before]
     smooth, bumps = Basis.of(runs, period), Basis.of(runs, period / BUMPS)
     finer = len(bumps.knots["q"]) > len(smooth.knots["q"])  # both have `MOST_KNOTS` at most
     knots = tuple(k.tobytes() for k in (*smooth.knots.values(), bumps.knots["q"]))
@@ -397,7 +397,7 @@ def friction_waves(fits: Sequence[Fit], periods: Sequence[float]) -> list[list[A
 
     def waves(f: Fit, period: float) -> list[Array]:
         """Return its forces along one motion."""
-        both = Basis({}, (period,)).waves(f.simulation)
+        both = Basis({}, (period,)).waves(f.denoised)
         return [both[:, :2], both[:, 2:]]
 
     return _left_by(fits, periods, waves)

@@ -21,7 +21,7 @@ from ...physics import EFFECTS
 from .. import spatial_lines
 from ..fit import Fit
 from ..fold import Fold
-from ..response import features, memories, mixed, waves
+from ..response import below, features, memories, mixed, waves
 from ..rules import (
     ASTRAY,
     EVENT_TIME,
@@ -44,7 +44,6 @@ from ..rules import (
     SLOW_FORCE,
     SLOW_HZ,
     SPLIT_HZ,
-    SPLIT_RATE,
     SWINGING,
     WINDOW,
 )
@@ -110,7 +109,7 @@ class Floor:
         return bool(self.events) and few and float(np.mean(self.event_mask)) < most
 
 
-def measure(fit: Fit, raw: Array, unknown: Array | None = None, driven: bool = False) -> Floor:
+def measure(fit: Fit, raw: Array, unknown: Array | None = None) -> Floor:
     """Measure the floor of a fold.
 
     Parameters
@@ -121,14 +120,11 @@ def measure(fit: Fit, raw: Array, unknown: Array | None = None, driven: bool = F
         Force error of that fit, N or N m.
     unknown : ndarray, (n_samples, m), optional
         What the command answers to what is not known of the load: neither noise nor an event.
-    driven : bool
-        Whether the recorded command drives the model: its noise is the controller's answer to that
-        of the encoder, which is the error too, so that laws of it would explain the noise.
     """
     fold, keep, response = fit.fold, fit.fold.keep, fit.fold.response
     dt = fold.record.dt
     _require(raw)
-    simulation = _without_noise(fit.simulation, dt) if driven else fit.simulation
+    simulation = fit.denoised
     columns = response(features(simulation))
     if unknown is not None:
         columns = np.hstack([columns, unknown])
@@ -249,7 +245,7 @@ def _without_slow_forces(x: Array, keep: Mask, dt: float, most: float) -> Array:
     As much as noise has is what the next octave has.
     """
     for hz in SLOW_HZ:
-        slow, both = (_below(x * keep, top, dt) for top in (hz, 2.0 * hz))
+        slow, both = (below(x * keep, top, dt) for top in (hz, 2.0 * hz))
         parts = (slow[keep], (both - slow)[keep])
         size, next_octave = (float(np.sqrt(np.mean(part**2))) for part in parts)
         if size > max(most, next_octave):
@@ -257,23 +253,9 @@ def _without_slow_forces(x: Array, keep: Mask, dt: float, most: float) -> Array:
     return x
 
 
-def _without_noise(simulation: Simulation, dt: float) -> Simulation:
-    """Return a simulation with what its signals have at low frequency."""
-    s = simulation
-    signals = (s.q, s.dq, s.ddq, s.nu, s.tau, s.where)
-    q, dq, ddq, nu, tau, place = (_below(x, SPLIT_HZ, dt) for x in signals)
-    return replace(s, q=q, dq=dq, ddq=ddq, nu=nu, tau=tau, place=place)
-
-
-def _below(x: Array, hz: float, dt: float) -> Array:
-    """Return what a signal has below a frequency, (n_samples, ...)."""
-    sos = signal.butter(2, min(2 * hz * dt, SPLIT_RATE), output="sos")
-    return np.asarray(signal.sosfiltfilt(sos, x, axis=0))
-
-
 def _quiet(x: Array, keep: Mask, dt: float) -> Mask:
     """Return the samples of windows that are quiet above and below 12 Hz."""
-    low = _below(x, SPLIT_HZ, dt)
+    low = below(x, SPLIT_HZ, dt)
     good = np.ones(0, dtype=bool)
     for part in (low, x - low):
         energy, counts, width = windows(part**2, keep, dt)

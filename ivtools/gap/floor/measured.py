@@ -122,6 +122,7 @@ def fitted(ready: Ready) -> Fitted:
         response.measure(loop, record, values, oversampling),
         label=record.name,
         place=place,
+        driven=driven,
         ramp=ramp,
         limited=limited,
         oversampling=oversampling,
@@ -150,7 +151,7 @@ def measure(ready: Ready) -> Measured:
     fit, left = fitted(ready)
     fold, link = fit.fold, ready.link
     unknown = None if link is None or link.doubt is None else link.doubt.on(fold.record)
-    level = floor.measure(fit, left, unknown, ready.driven)
+    level = floor.measure(fit, left, unknown)
     rough = float(np.mean(level.event_mask))
     fold = replace(fold, whitener=level.whitener, link=link, rough=rough)
     if fold.doubt is None:  # else what is not known counts as noise
