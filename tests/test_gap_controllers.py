@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ivtools as iv
-from benchmarks import populations
+from benchmarks import healthy, populations
 from benchmarks.withheld.cases import draw
 from benchmarks.withheld.suites import Task
 from ivtools.gap import parity, preflight
@@ -63,6 +63,14 @@ def test_without_a_controller_a_sharp_motion_is_no_gap(effect):
     found = iv.diagnose(first, from_tables(case.axis.tables()), holdout=second)
     assert found.effects == effect
     assert found.verdict == ("explained" if effect else "adequate")
+
+
+@pytest.mark.parametrize("seed", [508, 512, 517])
+def test_without_a_controller_noise_of_the_encoder_is_no_gap(seed):
+    """The pull, and the command that the controller answered it with, are that noise too."""
+    case = healthy.draw(seed, (250, 500, 1000, 2000))
+    found = iv.diagnose(case.record, replace(case.loop, controller=Controller("none", {})))
+    assert found.verdict == "adequate" and found.chi[0] < 1.2
 
 
 def test_a_velocity_loop_needs_no_position_reference():

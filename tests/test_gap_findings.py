@@ -9,6 +9,7 @@ import pytest
 import ivtools as iv
 from ivtools.cli import run
 from ivtools.gap import parity, preflight
+from ivtools.gap.fold import usable
 from ivtools.gap.page import effects_text
 from ivtools.gap.preflight import plausible
 from ivtools.loop import Controller
@@ -210,6 +211,21 @@ def test_one_direction_is_enough_for_a_model_without_offset(twin, loop):
     record, model = moved(loop, twin, q_ref), loop.with_terms("inertia", "viscous", "coulomb")
     (found,) = preflight.inspect(record, model, parity.check(record, model))
     assert "one direction only" in found.text and not found.fatal
+
+
+@pytest.mark.parametrize("heights", [(0.0, 3e-3, 1e-3, 4e-3), (0.0, 2e-3, 4e-3, 6e-3)])
+def test_steps_are_judged_by_their_way_and_by_the_motion_that_follows(twin, loop, heights):
+    """They take one sample each, in either direction, and the axis moves after them."""
+    step = SAMPLES // len(heights)
+    slow = with_gains(loop, kp=5.0)  # 1/s
+    record = moved(slow, twin, np.repeat(heights, step))
+    assert preflight.one_way(record) == (min(np.diff(heights)) > 0.0)
+    counts, q = usable(record, slow), record.q[:, 0]
+    for k in range(2, len(heights)):  # after the first the initial state shows
+        part = slice(k * step, (k + 1) * step)
+        far = np.abs(q[part] - q[part][-1]) > 0.2 * abs(heights[k] - heights[k - 1])
+        assert np.sum(far) > 200 and np.mean(counts[part][far]) > 0.9
+        assert np.mean(counts[part]) < 0.7
 
 
 # -- limits ----------------------------------------------------------------------------------------

@@ -32,6 +32,7 @@ from .rules import (
     MOST,
     MOVED_OFF,
     NEARBY,
+    ONE_WAY,
     REST,
     STANDING,
     STEPPED,
@@ -452,10 +453,18 @@ def _moved_off(record: Record) -> int:
 
 
 def _standing(record: Record) -> Mask:
+    """Return the samples at which the reference rests, (n_samples,).
+
+    The axis does, if the reference moves in steps: it follows them while the reference rests.
+    """
     assert record.q_ref is not None
+    width = max(round(REST / record.dt), 1)
     speed = np.abs(np.gradient(record.q_ref[:, 0], record.dt))
     still = speed < STANDING * np.max(speed)
-    width = max(round(REST / record.dt), 1)
+    if np.mean(~still) < ONE_WAY:
+        q = record.q[:, 0]
+        moved = np.abs(q - np.concatenate([np.full(width, q[0]), q])[: len(q)])
+        return moved < MOVED_OFF * np.ptp(q)
     run = signal.lfilter(np.ones(width), [1.0], still) > width - 0.5
     return np.asarray(run, dtype=bool)
 

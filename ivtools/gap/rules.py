@@ -188,7 +188,8 @@ LOST = 0.5
 #: Correlation of two signals that go together: a position and the reference that it follows
 #: (training), another column of the law and the command (judgement).
 ALONG = 0.9
-#: Share of the time that each direction takes at least (theory: friction against offset).
+#: Share of the time or the way that each direction takes at least (theory: friction against
+#: offset); a reference that moves for less of the time moves in steps.
 ONE_WAY = 0.02
 #: Relative error of a gain from which a finding says that the axis file has another one (physics).
 GROSS_GAIN = 0.15

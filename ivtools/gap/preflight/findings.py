@@ -177,10 +177,15 @@ def only_one_way(then: str) -> Finding:
 
 
 def one_way(record: Record) -> bool:
-    """Whether the reference moves in one direction only."""
+    """Whether the reference moves in one direction only, by its time and by its way.
+
+    One that moves in steps hardly takes any time, in either.
+    """
     assert record.q_ref is not None
     dq = np.gradient(record.q_ref[:, 0])
-    return bool(min(np.mean(dq > 0), np.mean(dq < 0)) < ONE_WAY)
+    time = min(np.mean(dq > 0), np.mean(dq < 0))
+    way = min(np.sum(dq[dq > 0]), -np.sum(dq[dq < 0]))
+    return bool(time < ONE_WAY and way < ONE_WAY * np.sum(np.abs(dq)))
 
 
 def identifiable(records: Sequence[Record], loop: ClosedLoop) -> ClosedLoop:
