@@ -134,20 +134,20 @@ def _deepest(
         return []
     costs = [_cost(f, term) for f in fits]
     rigid = [c(None) for c in costs]
-    order = np.argsort(rigid)[::-1]  # the one that shows most first
+    order = np.argsort(rigid)[::-1]  # the one that shows more first
     costs = [costs[k] for k in order]
     plain, known = sum(rigid), dict(place or {})
     if known and sum(c(known) for c in costs) < HOPELESS * plain:
         return [known]
-    most, *_, last = (fits[k].fold.scales for k in (*order, order[-1]))
-    found = [_evolved(costs, plain, b, FIRST_CROWD) for b in Box.of(term, last)]
+    more, less = (fits[k].fold.scales for k in (order[0], order[-1]))
+    found = [_evolved(costs, plain, b, FIRST_CROWD) for b in Box.of(term, less)]
     least = min(found, key=_cheapest)[0]
     if left > LARGE and least > SHALLOW * plain:
         # a valley may lie between few points, and they in a shallow one
-        denser = [b for b in Box.of(term, most) if _power(b, SECOND_CROWD) > LEAST_CROWD]
+        denser = [b for b in Box.of(term, more) if _power(b, SECOND_CROWD) > LEAST_CROWD]
         found += [_evolved(costs, plain, b, SECOND_CROWD) for b in denser]
     if left > ADEQUATE and least > MOST * plain:
-        found += [_evolved(costs, plain, b, SECOND_CROWD) for b in Box.wider(term, most)]
+        found += [_evolved(costs, plain, b, SECOND_CROWD) for b in Box.wider(term, more)]
     least, best = min(found, key=_cheapest)
     if least > HOPELESS * plain:
         _NOTHING.setdefault(fits[0].common, {})[term.name] = left

@@ -63,6 +63,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
     before, after = cost(result.base), cost(result.held)
     given = len(begun.inspected.checked) - (task.judge is not None)
     remark = [judged.remark] if judged.remark else []
+    apart = any(m.floor.isolated for m in measured)
     likely = dict.fromkeys(shown[0], AT_CONTROLLER)
     likely |= {n: probability(proof) for n, proof in result.evidence.items()}
     return Diagnosis(
@@ -73,8 +74,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         block=locate.block(
             effects,
             controller=any(p.delay != p.declared.delay for p in checked),
-            events=any(m.floor.isolated for m in measured)
-            and not (judged.bent or come_again(measured)),
+            events=apart and not (judged.bent or come_again(measured)),
             gap=judged.verdict != "adequate",
             outside=judged.remark is verdict.OUTSIDE,
         ),

@@ -88,9 +88,9 @@ class Laws:
     @classmethod
     def _along(cls, fits: Sequence[Fit]) -> Laws | None:
         """Return the laws along the motion of fits, made anew."""
-        runs = tuple(f.denoised for f in fits)
-        if not all(r.finite for r in runs):
+        if not all(f.simulation.finite for f in fits):
             return None
+        runs = tuple(f.denoised for f in fits)
         basis = Basis.of(runs)
         before = _warmth(fits, runs, basis)
         own = threaded(lambda r, w: {**basis.parts(r), "warm": basis.heat(r, w)}, runs, before)

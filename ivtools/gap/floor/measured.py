@@ -37,20 +37,22 @@ class Measured:
     parity : Parity
     logged : Record
         With its added input as it was logged, not as parity found it to act.
-    driven : bool
-        Whether the recorded command drives the model, and no controller of it counts.
     """
 
     base: Fit
     floor: Floor
     parity: Parity
     logged: Record
-    driven: bool = False
 
     @property
     def fold(self) -> Fold:
         """What is compared of the record."""
         return self.base.fold
+
+    @property
+    def driven(self) -> bool:
+        """Whether the recorded command drives the model, and no controller of it counts."""
+        return self.fold.driven
 
     @property
     def force(self) -> float:
@@ -156,7 +158,7 @@ def measure(ready: Ready) -> Measured:
     fold = replace(fold, whitener=level.whitener, link=link, rough=rough)
     if fold.doubt is None:  # else what is not known counts as noise
         fold = replace(fold, smooth=level.generic)
-    return Measured(fit.refit(fold), level, ready.parity, ready.record, ready.driven)
+    return Measured(fit.refit(fold), level, ready.parity, ready.record)
 
 
 def audible(m: Measured, least: float) -> Measured:

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from ...loop import ClosedLoop
 from ...record import Record
+from ..response import below
 from ..rules import (
     AGREES,
     MOST,
@@ -104,11 +104,10 @@ def _cutoff(record: Record) -> float:
 
 def _columns(record: Record, loop: ClosedLoop, cutoff: float) -> tuple[Array, Array]:
     """Return force, friction, offset, sine and cosine, (n, 6), and the acceleration, (n,)."""
-    sos = signal.butter(2, cutoff, fs=record.sampling_hz, output="sos")
 
     def low(x: Array) -> Array:
         """Return the slow part of a signal, (n_samples,)."""
-        return np.asarray(signal.sosfiltfilt(sos, x))
+        return below(x, cutoff, record.dt)
 
     q = low(record.q[:, 0])
     dq = np.gradient(q, record.dt)
