@@ -10,8 +10,7 @@ import numpy as np
 from .columns import UNITS
 from .display import Displayed
 from .errors import IVToolsError
-from .gap.parity import Parity, at_rate, otherwise_derived
-from .gap.parity import check as check_parity
+from .gap.parity import Parity, acted, at_rate, check, doubted, otherwise_derived
 from .problem import Problem
 from .tables import Text, table
 from .units import JOINTS, quantity
@@ -128,9 +127,9 @@ def _law(
     try:
         shown = record.longest.liveliest()
         known, rate = loop.known(record), at_rate(loop)
-        parity = check_parity(shown, known, oversampling=rate)
+        parity = _parity(shown, known, rate)
         again = otherwise_derived(
-            shown, known, [parity], lambda other: [check_parity(shown, other, oversampling=rate)]
+            shown, known, [parity], lambda other: [_parity(shown, other, rate)]
         )
     except IVToolsError as error:
         advice.append(f"the control law cannot be compared: {error}")
@@ -142,6 +141,8 @@ def _law(
     r2 = 1.0 - parity.before**2
     kind = parity.declared.kind
     where = _where(shown, record.longest)
+    if parity.below is not None:
+        where += f", below {parity.below:.2g} Hz: above it is noise that is not logged"
     rows.append(("parity R2", f"{r2:.4f}", f"of the law in the axis file ({kind}){where}"))
     if parity.oversampling > 1:
         rows.append(("its rate", f"{parity.oversampling} times", "that of the log"))
@@ -158,6 +159,12 @@ def _law(
     if parity.clipped > 0.3:
         advice.append("the command is at its limit for long; log slower motions")
     return parity
+
+
+def _parity(record: Record, loop: ClosedLoop, rate: int) -> Parity:
+    """Return how a law compares; with the record's own where that is another one."""
+    found = acted(record, loop, rate)
+    return check(record, loop, oversampling=rate) if doubted(record, found) else found
 
 
 def _where(shown: Record, record: Record) -> str:

@@ -206,6 +206,16 @@ def test_where_one_of_two_records_moves_one_way_the_other_is_diagnosed_alone(twi
         assert found.verdict == "adequate" and "offset" in found.theta
 
 
+def test_where_one_of_two_records_hardly_moves_the_other_is_diagnosed_alone(twin, loop):
+    moves = moved(loop, twin, twin.q_ref[:, 0]).replace(name="moves")
+    stands = moved(loop, twin, np.clip(0.1 * twin.t, 0.0, 0.04)).replace(name="stands")
+    for record, holdout in ((moves, stands), (stands, moves)):
+        found = iv.diagnose(record, loop, holdout=holdout)
+        (text,) = [f.text for f in found.findings if "show motion to compare" in f.text]
+        assert text.startswith("stands: ") and "moves is diagnosed alone" in text
+        assert found.verdict == "adequate" and found.name == "moves"
+
+
 def test_one_direction_is_enough_for_a_model_without_offset(twin, loop):
     q_ref = 0.02 * twin.t + 0.004 * np.sin(np.pi * twin.t)
     record, model = moved(loop, twin, q_ref), loop.with_terms("inertia", "viscous", "coulomb")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ivtools as iv
-from benchmarks import moves, populations
+from benchmarks import healthy, moves, populations
 from ivtools.gap import between, parity, preflight
 from ivtools.gap.fold import stepped
 from ivtools.gap.preflight import logged
@@ -308,6 +308,32 @@ def test_nor_are_they_behind_noise_of_the_encoder(seed):
         record.replace(q=record.q[:, 0] + noise), replace(loop, controller=declared)
     )
     assert found.oversampling == 1
+
+
+@pytest.mark.parametrize("seed", [1104, 1112, 1116, 1125, 1138])
+def test_noise_between_the_samples_of_a_log_hides_no_law(seed):
+    """It is most of the command of drives at 4 kHz that are logged at 1 kHz."""
+    case = healthy.draw(seed, rates=(4000,), seconds=8.0)
+    record, loop = sparse(case.record, 4), case.loop
+    assert not parity.check(record, loop, read=False).trustworthy
+    found = parity.acted(record, loop, 0)
+    assert found.trustworthy and not found.mismatch and found.below < 8.0
+    law = loop.controller
+    gains = {k: 1.6 * v for k, v in law.settings.items() if k in ("kp", "kv", "ki")}
+    if gains:
+        wrong = replace(loop, controller=replace(law, settings={**law.settings, **gains}))
+        other = parity.acted(record, wrong, 0)
+        assert other.below is None and (other.mismatch or not other.trustworthy)
+
+
+def test_a_law_behind_such_noise_is_said_and_diagnosed():
+    case = healthy.draw(1116, rates=(4000,), seconds=8.0)
+    record = sparse(case.record, 4)
+    found = iv.diagnose(record, case.loop)
+    assert found.verdict == "adequate" and not found.effects
+    assert len(said(found, "has noise that the logged position has not")) == 1
+    shown = suitability(record, case.loop)
+    assert any("noise that is not logged" in text for *_, text in shown.rows)
 
 
 @pytest.mark.parametrize("seed", range(4))

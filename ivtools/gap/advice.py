@@ -177,18 +177,21 @@ def motions(result: Attribution) -> list[str]:
 def _left(m: Measured, base: Fit, held: Fit) -> list[tuple[float, float]]:
     """Return the stretches that stand out of a record, s, of which names leave most.
 
+    Two are one where no sample between them counts.
     Not where hardly anything is left: what smooth laws make of a large error elsewhere stands out
     of what they leave, and of no model.
     """
     t = m.fold.record.t[m.fold.keep]
     before, after = (m.fold.error(f.loop, f.values) ** 2 for f in (base, held))
     inside = [(t >= a) & (t <= b) for a, b in m.floor.events]
-    pairs = zip(m.floor.events, inside, strict=True)
-    return [
-        span
-        for span, at in pairs
-        if after[at].sum() >= max(MOST * before[at].sum(), ADEQUATE * at.sum())
-    ]
+    left: list[tuple[float, float]] = []
+    for (start, end), at in zip(m.floor.events, inside, strict=True):
+        if after[at].sum() < max(MOST * before[at].sum(), ADEQUATE * at.sum()):
+            continue
+        if left and not ((t > left[-1][1]) & (t < start)).any():
+            start = left.pop()[0]
+        left.append((start, end))
+    return left
 
 
 def remarks(

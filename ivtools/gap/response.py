@@ -21,6 +21,7 @@ from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..record import Record
 from . import between
+from .band import below
 from .rules import (
     AFTER_REVERSAL,
     FORGETTING,
@@ -28,7 +29,6 @@ from .rules import (
     RESPONSE_TIME,
     SPEED_KNOTS,
     SPLIT_HZ,
-    SPLIT_RATE,
 )
 
 Array = NDArray[np.float64]
@@ -150,12 +150,6 @@ def denoised(simulation: Simulation) -> Simulation:
     signals = (s.q, s.dq, s.ddq, s.nu, s.tau, s.where)
     q, dq, ddq, nu, tau, place = (below(x, SPLIT_HZ, dt) for x in signals)
     return replace(s, q=q, dq=dq, ddq=ddq, nu=nu, tau=tau, place=place)
-
-
-def below(x: Array, hz: float, dt: float) -> Array:
-    """Return what a signal has below a frequency, (n_samples, ...)."""
-    sos = signal.butter(2, min(2 * hz * dt, SPLIT_RATE), output="sos")
-    return np.asarray(signal.sosfiltfilt(sos, x, axis=0))
 
 
 def memories(simulation: Simulation) -> Array:

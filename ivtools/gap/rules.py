@@ -238,11 +238,11 @@ PULL_DAMPING, PULL_FILTER = 0.7, 4.0
 #: Phase margin, degrees, below which a velocity loop is pulled to the motion too (judgement: the
 #: one of laas-motor has 1 to 4, those of ordinary drives 45 and more).
 MARGIN = 15.0
-#: Cut-off below which gravity is looked for, in median frequencies of the motion (judgement: above
-#: harmonics of a swing).
-SWINGS = 5.0
+#: Cut-off below which gravity is looked for, and a law behind noise that is not logged, in median
+#: frequencies of the motion (judgement: above harmonics of a swing).
+SLOW = 5.0
 #: The same at most, of the sampling rate (numerics).
-SWING_RATE = 0.2
+SLOW_RATE = 0.2
 #: Periods of the cut-off that are left out at either end (numerics: there the low-pass sees one
 #: side only).
 SWING_EDGE = 0.5

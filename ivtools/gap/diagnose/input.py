@@ -70,7 +70,7 @@ def readied(now: Input) -> Input:
     IVToolsError
         If a law that is to be identified cannot be, or no position can be followed.
     """
-    steps = (_near, _finer, _followed, _both_ways, _as_it_acted)
+    steps = (_near, _finer, _followed, _telling, _as_it_acted)
     return reduce(lambda now, step: step(now), steps, now)
 
 
@@ -128,22 +128,29 @@ def _followed(now: Input) -> Input:
     return now.then(said, {role: one for role, (one, _) in followed.items()}, loop=known)
 
 
-def _both_ways(now: Input) -> Input:
-    """Leave out a record that moves in one direction only.
+def _telling(now: Input) -> Input:
+    """Leave out a record that tells too little of the axis, where the other one tells enough.
 
-    The model would lack on the other one what such a record cannot tell from Coulomb friction.
+    The model would lack on the other one what a record in one direction only cannot tell from
+    Coulomb friction; and one that hardly moves judges nothing.
     """
     records = now.task.records
-    oneway = [preflight.one_way(r) for r in records]
-    lost = {*now.loop.names} - {*preflight.identifiable(records, now.loop).names}
-    if all(oneway) or not lost:
+    free = replace(now.loop, controller=replace(now.loop.controller, limit=np.inf))
+    short = [preflight.short(r, free) for r in records]  # a wrong unit may be above the limit
+    found = short
+    if not any(short):
+        lost = {*now.loop.names} - {*preflight.identifiable(records, now.loop).names}
+        found = [
+            [preflight.only_one_way()] if lost and preflight.one_way(r) else [] for r in records
+        ]
+    if all(found) or not any(found):
         return now
-    at = oneway.index(True)
+    at = next(k for k, said in enumerate(found) if said)
     left, kept = records[at], records[1 - at]
     links = [link for k, link in enumerate(now.task.links) if k != at]
-    said = preflight.only_one_way(f", so {kept.name} is diagnosed alone")
+    said = [Finding(f"{f.text}; {kept.name} is diagnosed alone", fatal=False) for f in found[at]]
     alone = {"record": kept, "holdout": None, "links": links}
-    return now.then(preflight.named([said], left), alone)
+    return now.then(preflight.named(said, left), alone)
 
 
 def _as_it_acted(now: Input) -> Input:
@@ -154,8 +161,8 @@ def _as_it_acted(now: Input) -> Input:
     if now.task.inspected is not None:
         return now
     now = _at_rate(_derived(now))
-    fast = any(p.oversampling > 1 for p in now.compared)
-    if fast or now.task.links or now.loop.controller.kind == "none":
+    beyond = any(p.oversampling > 1 or p.below for p in now.compared)  # what the log can show
+    if beyond or now.task.links or now.loop.controller.kind == "none":
         return now
     return _on_time(_at_limit(_in_place(now)))
 
@@ -163,7 +170,7 @@ def _as_it_acted(now: Input) -> Input:
 def _compared(now: Input, loop: ClosedLoop) -> list[Parity]:
     """Return how a law compares with each record, at the rate of its controller."""
     rate = parity.at_rate(now.task.loop)
-    checked = threaded(lambda one: parity.check(one, loop, False, rate), now.records)
+    checked = threaded(lambda one: parity.acted(one, loop, rate), now.records)
     fast = [p for p in checked if p.oversampling > 1]
     if not fast:
         return checked
@@ -187,6 +194,9 @@ def _derived(now: Input) -> Input:
 
 def _at_rate(now: Input) -> Input:
     """Say at which rate the controller acted, and leave out a filter that the log's cannot have."""
+    pairs = zip(now.records, now.compared, strict=True)
+    slow = [f for r, p in pairs if p.below for f in preflight.named([preflight.slowly(p)], r)]
+    now = now.then(slow)
     rate = max(p.oversampling for p in now.compared)
     if rate > 1:
         return now.then([preflight.faster(rate)])

@@ -19,9 +19,10 @@ from ...linalg import NoiseModel, fir, independent, swing
 from ...loop import Simulation
 from ...physics import EFFECTS
 from .. import spatial_lines
+from ..band import below
 from ..fit import Fit
 from ..fold import Fold
-from ..response import below, features, memories, mixed, waves
+from ..response import features, memories, mixed, waves
 from ..rules import (
     ASTRAY,
     EVENT_TIME,

@@ -230,7 +230,10 @@ def folds(measured: tuple[Measured, ...]) -> tuple[Fit, ...]:
         return beside(one, two).base, beside(two, one).base
     (only,) = measured
     first = _first_half(only.fold.record)
-    halves = only.fold.only(first, "part 1"), only.fold.only(~first, "part 2")
+    halves = (
+        only.fold.only(first, "its odd stretches"),
+        only.fold.only(~first, "its even stretches"),
+    )
     return tuple(only.base.refit(half, iterations=AGAIN) for half in halves)
 
 

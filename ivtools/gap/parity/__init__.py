@@ -14,6 +14,7 @@ compared     the comparison, and the law that the record shows
 from .compared import (
     SUMMED,
     Parity,
+    acted,
     another,
     as_read,
     at_limit,
@@ -31,6 +32,7 @@ __all__ = [
     "SUMMED",
     "Parity",
     "Signals",
+    "acted",
     "another",
     "as_read",
     "at_limit",

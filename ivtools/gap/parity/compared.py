@@ -13,6 +13,7 @@ from ...loop import ClosedLoop, Controller
 from ...loop.controllers import ANTI_WINDUP, other_derivative
 from ...loop.identification import ControllerFit, least
 from ...record import Record
+from ..band import motion_hz
 from ..between import interpolated
 from ..rules import (
     DIGITS,
@@ -69,6 +70,9 @@ class Parity:
         Time, s, around which nearly all of the error lies that is left; None if there is none such.
     oversampling : int
         Samples of the controller from one sample of the log to the next.
+    below : float or None
+        Frequency, Hz, below which they are compared, where the log lacks the noise that the
+        controller saw; None: all of the command.
     """
 
     loop: ClosedLoop
@@ -81,6 +85,7 @@ class Parity:
     taken: bool = False
     at: float | None = None
     oversampling: int = 1
+    below: float | None = None
 
     @property
     def delay(self) -> int:
@@ -154,7 +159,8 @@ def otherwise_derived(
     if np.array_equal(here, there):
         return []
     found = list(compare(other))
-    return found if _explain_more(found, compared) else []
+    alike = [p.below for p in found] == [p.below for p in compared]
+    return found if alike and _explain_more(found, compared) else []
 
 
 def _explain_more(found: Sequence[Parity], other: Sequence[Parity]) -> bool:
@@ -207,6 +213,30 @@ def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int
     )
 
 
+def acted(record: Record, loop: ClosedLoop, oversampling: int = 0) -> Parity:
+    """Return how the declared law compares, at the frequencies of the motion where it must.
+
+    What a controller saw between the samples of a log, or before they were rounded, has noise that
+    is not logged: in the command it may be larger than what the motion asks for. A law that gives
+    the command below it, as it is declared, is taken if no other one gives all of it.
+
+    Parameters
+    ----------
+    record : Record
+    loop : ClosedLoop
+    oversampling : int, optional
+        As of `check`.
+    """
+    found = check(record, loop, False, oversampling)
+    hz = 0.0 if record.q_ref is None else motion_hz(record.q_ref[:, 0], record.dt)
+    if found.trustworthy or not hz or another(record, found):
+        return found
+    shown = replace(loop, controller=loop.controller.shown(record.dt))
+    slow, _ = _checked(record, shown, hz)
+    slow = slow if oversampling else _between(record, loop, slow)
+    return found if slow.mismatch or slow.after > LAW_ERROR else slow
+
+
 def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -> Parity:
     """Compare them, the added input being what was recorded; read another law if that is asked."""
     if oversampling > 1:
@@ -225,7 +255,7 @@ def doubted(record: Record, found: Parity) -> bool:
     Where another one, whatever it is, may explain all but everything of the command, or much more
     where the declared one explains little; and where that one cannot be gone on with.
     """
-    if found.oversampling > 1 or found.after <= DIGITS:
+    if found.oversampling > 1 or found.below or found.after <= DIGITS:
         return False
     there, better = _others(record, found)
     return there or not found.trustworthy or (better and found.after > PARITY_POOR)
@@ -249,9 +279,11 @@ def _others(record: Record, found: Parity) -> tuple[bool, bool]:
     return left < LAW_THERE * min(found.after, alone), left**2 < LAW_BETTER * found.after**2
 
 
-def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
+def _checked(
+    record: Record, loop: ClosedLoop, below: float | None = None
+) -> tuple[Parity, Signals]:
     """Return how the declared law compares, and the signals, which know their limit."""
-    signals = Signals(record, loop)
+    signals = Signals(record, loop, below)
     declared = signals.error(loop.controller, loop.controller.delay, 0.0)
     signals, limit, clipped = limit_of(signals, loop.controller)
     free = ~clipped
@@ -269,6 +301,7 @@ def _checked(record: Record, loop: ClosedLoop) -> tuple[Parity, Signals]:
         mismatch=kept,
         clipped=float(np.mean(clipped)),
         at=_once(error, record.t),
+        below=below,
     )
     return found, signals
 
@@ -285,21 +318,21 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
         return found
     limited = replace(loop.controller, limit=found.loop.controller.limit)
     part = record.liveliest(LAW_TOLD)
-    here = Signals(part, loop)
+    here = Signals(part, loop, found.below)
     stays = _left(here.error(limited.shown(part.dt), declared, 0.0))
     added = found.mismatch.get("added", 0.0)
     left = _left(here.error(found.loop.controller, found.delay, added))
     tried = {}
     for count in FASTER:
-        fine = Signals(interpolated(part, count), loop)
+        fine = Signals(interpolated(part, count), loop, found.below)
         if limited.shown(fine.dt) != limited:
             continue
         tried[count] = _left(fine.error(limited, declared, 0.0), count)
     count = min(tried, key=lambda n: tried[n], default=0)
-    most = LAW_ERROR**2 * _left(here.command)
+    most = LAW_ERROR**2 * _left(here.slow(here.command))
     if not count or tried[count] > most or not _takes(stays, tried[count], left):
         return found
-    one = _at_rate(record, loop, count)
+    one = _at_rate(record, loop, count, found.below)
     late = abs(one.delay - declared) >= FASTER_LATE * count
     if one.mismatch or (late and not _takes(found.before**2, one.before**2, one.after**2)):
         return found
@@ -307,12 +340,12 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     return replace(one, loop=replace(loop, controller=law))
 
 
-def _at_rate(record: Record, loop: ClosedLoop, count: int) -> Parity:
+def _at_rate(record: Record, loop: ClosedLoop, count: int, below: float | None = None) -> Parity:
     """Return how the law compares that takes so many samples for each of the log.
 
     What a controller saw between them is not logged: other settings must take most of the error.
     """
-    found, _ = _checked(interpolated(record, count), loop)
+    found, _ = _checked(interpolated(record, count), loop, below)
     found = replace(found, oversampling=count)
     if not found.mismatch or _takes(found.before**2, found.after**2, 0.0):
         return found

@@ -11,6 +11,7 @@ from ...limits import LARGEST
 from ...loop import ClosedLoop, Controller
 from ...loop.controllers import Seen
 from ...record import Record
+from ..band import below
 from ..rules import (
     AT_LIMIT,
     LIMIT_SAMPLES,
@@ -34,9 +35,10 @@ def grid(x: Array) -> float:
 
 
 class Signals:
-    """What a control law sees, and what was recorded."""
+    """What a control law sees, and what was recorded: of the command what is below a frequency."""
 
-    def __init__(self, record: Record, loop: ClosedLoop) -> None:
+    def __init__(self, record: Record, loop: ClosedLoop, hz: float | None = None) -> None:
+        self.hz = hz
         self.record, self.joint, self.dt = record, loop.joint, record.dt
         self.added = record.added[:, 0] if record.added is not None else np.zeros(record.n_samples)
         self.whole = loop.command(record)
@@ -74,13 +76,18 @@ class Signals:
 
     def share(self, error: Array) -> float:
         """Return the size of a parity error, (n,), over that of the command, 1."""
-        left, whole = (float(np.linalg.norm(x[PARITY_HEAD:])) for x in (error, self.command))
+        command = self.slow(self.command)
+        left, whole = (float(np.linalg.norm(x[PARITY_HEAD:])) for x in (error, command))
         return left / whole
+
+    def slow(self, x: Array) -> Array:
+        """Return what a signal, (n,), has below the frequency."""
+        return x if self.hz is None else below(x, self.hz, self.dt)
 
     def error(self, controller: Controller, delay: int, added: float) -> Array:
         """Return recorded minus expected command, (n,)."""
         expected = np.clip(self.law(controller, delay), -controller.limit, controller.limit)
-        return self.command - expected - (1.0 + added) * self.added
+        return self.slow(self.command - expected - (1.0 + added) * self.added)
 
 
 def _finite(command: Array) -> Array:

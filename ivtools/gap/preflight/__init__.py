@@ -20,6 +20,7 @@ from .findings import (
     overlap,
     require,
     same_axis,
+    short,
 )
 from .hanging import Hanging, hanging
 from .logged import (
@@ -34,6 +35,7 @@ from .logged import (
     misplaced,
     near,
     origin,
+    slowly,
 )
 from .plausible import doubts
 from .pull import HELD, adrift, followed, lawless, pulled, rings
@@ -71,4 +73,6 @@ __all__ = [
     "require",
     "rings",
     "same_axis",
+    "short",
+    "slowly",
 ]

@@ -141,6 +141,11 @@ def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
 
 
 def _length(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
+    return short(record, loop)
+
+
+def short(record: Record, loop: ClosedLoop) -> list[Finding]:
+    """Refuse a record with too little motion to compare."""
     samples = int(usable(record, loop).sum())
     kept, whole = samples * record.dt, record.n_samples * record.dt
     if kept < LEAST_TIME:
@@ -170,7 +175,7 @@ def _direction(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
     return [only_one_way(" and count as one here" if both else "")]
 
 
-def only_one_way(then: str) -> Finding:
+def only_one_way(then: str = "") -> Finding:
     """Return what to say of a record that moves in one direction only, and what follows."""
     text = "the reference moves in one direction only: Coulomb friction and offset cannot be told "
     return Finding(f"{text}apart{then}; record the way back as well", fatal=False)
@@ -409,7 +414,7 @@ def explain_command(parity: Parity) -> str:
     return (
         f"the control law does not give the recorded command: it differs by {left:.0f} % of it; "
         "check kind, gains and velocity_filter in [controller], that q, q_ref and nu belong "
-        f"together, and whether every signal that the controller uses is in the log{tried}"
+        f"together, and whether every signal and sample that the controller uses is logged{tried}"
     )
 
 

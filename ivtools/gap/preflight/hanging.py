@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from ...loop import ClosedLoop
 from ...record import Record
-from ..response import below
+from ..band import below, motion_hz
 from ..rules import (
     AGREES,
     MOST,
     SWING_EDGE,
-    SWING_RATE,
-    SWINGS,
 )
 
 Array = NDArray[np.float64]
@@ -66,7 +64,7 @@ def hanging(record: Record, loop: ClosedLoop) -> Hanging | None:
     """Return the gravity that a revolute axis shows and the model lacks; None if there is none."""
     if loop.joint != "revolute" or "gravity" in {t.name for t in loop.terms}:
         return None
-    cutoff = _cutoff(record)
+    cutoff = motion_hz(record.q[:, 0], record.dt)
     X, a = _columns(record, loop, cutoff)
     half = len(a) // 2
     parts = (slice(0, half), slice(half, None))
@@ -91,15 +89,6 @@ def hanging(record: Record, loop: ClosedLoop) -> Hanging | None:
         removed,
         cutoff,
     )
-
-
-def _cutoff(record: Record) -> float:
-    """Return some times the median frequency of the motion, Hz."""
-    dq = np.gradient(record.q[:, 0], record.dt)
-    power = np.abs(np.fft.rfft(dq - dq.mean())) ** 2
-    hz = np.fft.rfftfreq(len(dq), record.dt)
-    median = float(hz[np.searchsorted(power.cumsum(), 0.5 * power.sum())])
-    return min(SWINGS * median, SWING_RATE / record.dt)
 
 
 def _columns(record: Record, loop: ClosedLoop, cutoff: float) -> tuple[Array, Array]:

@@ -372,6 +372,16 @@ def faster(count: int) -> Finding:
     return Finding(text, fatal=False)
 
 
+def slowly(found: Parity) -> Finding:
+    """Return what to say of a law that gives the command at the frequencies of the motion alone."""
+    text = (
+        f"below {found.below:.2g} Hz the law gives the command to {percent(found.after)}, above it "
+        "the command has noise that the logged position has not: a controller that is faster than "
+        "the log sees more than is logged; log at its rate"
+    )
+    return Finding(text, fatal=False)
+
+
 def beyond_the_log(hz: float, rate: float) -> Finding:
     """Return what to say of a filter at `hz` that a log of this rate, Hz, cannot show."""
     text = (
