@@ -10,7 +10,7 @@ import numpy as np
 from .columns import UNITS
 from .display import Displayed
 from .errors import IVToolsError
-from .gap.parity import Parity, acted, at_rate, check, doubted, otherwise_derived
+from .gap.parity import Parity, at_rate, check, doubted, otherwise_derived, slowly
 from .problem import Problem
 from .tables import Text, table
 from .units import JOINTS, quantity
@@ -163,7 +163,7 @@ def _law(
 
 def _parity(record: Record, loop: ClosedLoop, rate: int) -> Parity:
     """Return how a law compares; with the record's own where that is another one."""
-    found = acted(record, loop, rate)
+    found = slowly(record, loop, check(record, loop, False, rate), rate)
     return check(record, loop, oversampling=rate) if doubted(record, found) else found
 
 

@@ -315,14 +315,15 @@ def test_noise_between_the_samples_of_a_log_hides_no_law(seed):
     """It is most of the command of drives at 4 kHz that are logged at 1 kHz."""
     case = healthy.draw(seed, rates=(4000,), seconds=8.0)
     record, loop = sparse(case.record, 4), case.loop
-    assert not parity.check(record, loop, read=False).trustworthy
-    found = parity.acted(record, loop, 0)
+    plain = parity.check(record, loop, read=False)
+    found = parity.slowly(record, loop, plain)
+    assert not plain.trustworthy
     assert found.trustworthy and not found.mismatch and found.below < 8.0
     law = loop.controller
     gains = {k: 1.6 * v for k, v in law.settings.items() if k in ("kp", "kv", "ki")}
     if gains:
         wrong = replace(loop, controller=replace(law, settings={**law.settings, **gains}))
-        other = parity.acted(record, wrong, 0)
+        other = parity.slowly(record, wrong, parity.check(record, wrong, read=False))
         assert other.below is None and (other.mismatch or not other.trustworthy)
 
 

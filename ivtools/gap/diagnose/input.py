@@ -170,7 +170,12 @@ def _as_it_acted(now: Input) -> Input:
 def _compared(now: Input, loop: ClosedLoop) -> list[Parity]:
     """Return how a law compares with each record, at the rate of its controller."""
     rate = parity.at_rate(now.task.loop)
-    checked = threaded(lambda one: parity.acted(one, loop, rate), now.records)
+
+    def checked_one(one: Record) -> Parity:
+        """Return how it compares with one of them."""
+        return parity.slowly(one, loop, parity.check(one, loop, False, rate), rate)
+
+    checked = threaded(checked_one, now.records)
     fast = [p for p in checked if p.oversampling > 1]
     if not fast:
         return checked

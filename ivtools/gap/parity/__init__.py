@@ -14,7 +14,6 @@ compared     the comparison, and the law that the record shows
 from .compared import (
     SUMMED,
     Parity,
-    acted,
     another,
     as_read,
     at_limit,
@@ -24,6 +23,7 @@ from .compared import (
     effects,
     otherwise_derived,
     relative,
+    slowly,
 )
 from .limit import beyond
 from .signals import Signals, grid
@@ -32,7 +32,6 @@ __all__ = [
     "SUMMED",
     "Parity",
     "Signals",
-    "acted",
     "another",
     "as_read",
     "at_limit",
@@ -44,4 +43,5 @@ __all__ = [
     "grid",
     "otherwise_derived",
     "relative",
+    "slowly",
 ]

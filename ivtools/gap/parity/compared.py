@@ -159,8 +159,8 @@ def otherwise_derived(
     if np.array_equal(here, there):
         return []
     found = list(compare(other))
-    alike = [p.below for p in found] == [p.below for p in compared]
-    return found if alike and _explain_more(found, compared) else []
+    less = any(p.below and not q.below for p, q in zip(found, compared, strict=True))
+    return found if not less and _explain_more(found, compared) else []
 
 
 def _explain_more(found: Sequence[Parity], other: Sequence[Parity]) -> bool:
@@ -170,8 +170,8 @@ def _explain_more(found: Sequence[Parity], other: Sequence[Parity]) -> bool:
     more, but not as it is declared.
     """
     declared, put_right = (
-        float(np.linalg.norm([getattr(p, name) for p in found]))
-        / max(float(np.linalg.norm([getattr(p, name) for p in other])), 1e-300)
+        max(float(np.linalg.norm([getattr(p, name) for p in found])), ROUNDING)
+        / max(float(np.linalg.norm([getattr(p, name) for p in other])), ROUNDING)
         for name in ("before", "after")
     )
     limited = any(p.limit is not None for p in found)  # of which the declared law knows nothing
@@ -213,8 +213,8 @@ def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int
     )
 
 
-def acted(record: Record, loop: ClosedLoop, oversampling: int = 0) -> Parity:
-    """Return how the declared law compares, at the frequencies of the motion where it must.
+def slowly(record: Record, loop: ClosedLoop, found: Parity, oversampling: int = 0) -> Parity:
+    """Return how a law that explains little compares at the frequencies of the motion, if it can.
 
     What a controller saw between the samples of a log, or before they were rounded, has noise that
     is not logged: in the command it may be larger than what the motion asks for. A law that gives
@@ -224,16 +224,20 @@ def acted(record: Record, loop: ClosedLoop, oversampling: int = 0) -> Parity:
     ----------
     record : Record
     loop : ClosedLoop
+    found : Parity
+        What `check` says of them.
     oversampling : int, optional
-        As of `check`.
+        As it was asked there.
     """
-    found = check(record, loop, False, oversampling)
     hz = 0.0 if record.q_ref is None else motion_hz(record.q_ref[:, 0], record.dt)
     if found.trustworthy or not hz or another(record, found):
         return found
     shown = replace(loop, controller=loop.controller.shown(record.dt))
     slow, _ = _checked(record, shown, hz)
     slow = slow if oversampling else _between(record, loop, slow)
+    if slow.oversampling == 1:  # so slow a signal tells no delay of a sample
+        law = replace(shown.controller, limit=slow.loop.controller.limit)
+        slow = replace(slow, loop=replace(loop, controller=law), after=slow.before)
     return found if slow.mismatch or slow.after > LAW_ERROR else slow
 
 
