@@ -138,12 +138,25 @@ class Attribution:
     def doubtful(self) -> tuple[str, ...]:
         """Names that are not `LIKELY`, further ones that remove little, and empty ones.
 
-        What removes little beside what all of them leave may be more of that.
+        What removes little beside what all of them leave may be more of that. What was found beside
+        a name that falls must have been likely instead of it.
         """
         likely = [n for n, proof in self.evidence.items() if probability(proof) >= LIKELY]
         least = SLIGHT * (cost(self.held) - 1.0)
         slight = {n for n in likely[1:] if self.winners[n][1].removed < least}
-        return tuple(n for n in self.evidence if n in slight | self._empty or n not in likely)
+        falls = [n for n in self.evidence if n in slight | self._empty or n not in likely]
+        beside = [n for n in self.evidence if falls and n not in falls]
+        falls += [n for n in beside if self._unlikely_instead(n, self.winners[falls[0]][0])]
+        return tuple(n for n in self.evidence if n in falls)
+
+    def _unlikely_instead(self, name: str, r: Round) -> bool:
+        """Whether an effect was not worth a trial in a round that another won, or not likely."""
+        own = next((t for t in r.trials if t.name == name), None)
+        if own is None:
+            return True
+        others = [t for t in r.trials if t is not own]
+        found = weigh(own, others, self.base, self.full or self.held)
+        return probability(replace(found, certain=name in self.certain)) < LIKELY
 
     @cached_property
     def _empty(self) -> set[str]:
