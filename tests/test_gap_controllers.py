@@ -175,6 +175,21 @@ def test_a_reference_that_the_controller_derives_backward_is_no_wrong_controller
     assert found.effects == iv.diagnose(record, loop).effects
 
 
+@pytest.mark.parametrize("kind", [k for k in populations.KINDS if k != "state-space"])
+@pytest.mark.parametrize("fed", [("velocity",), ("acceleration",), ("velocity", "acceleration")])
+def test_a_log_that_ends_in_motion_is_no_wrong_controller(kind, fed):
+    """Derivatives of the reference at its last samples take some that are not logged."""
+    inertia = played(kind)[0]
+    size = 0.5 * max(abs(v) for v in inertia.controller.settings.values())
+    loop, whole = played(kind, feedforward={name: 0.02 * size for name in fed})
+    speed = np.abs(np.gradient(np.gradient(whole.q_ref[:, 0])))
+    for end in 4000 + np.argsort(speed[4000:])[-3:]:
+        record = whole.slice(500, int(end))
+        found = parity.check(record, loop, read=False)
+        assert found.before < 1e-9 and not found.mismatch
+        assert found.delay == loop.controller.delay
+
+
 @pytest.mark.parametrize("kind", DERIVES)
 def test_noise_and_wrong_gains_are_no_matter_of_how_a_reference_is_derived(kind):
     """Of what the law does as it is declared, or with other gains, either says how."""

@@ -17,6 +17,7 @@ from scipy import signal
 
 from ..linalg import Metric, independent
 from ..loop import ClosedLoop, Simulation
+from ..loop.controllers import ahead
 from ..loop.mechanics import LIGHTEST
 from ..record import Record
 from . import between
@@ -417,10 +418,12 @@ def usable(record: Record, loop: ClosedLoop) -> Mask:
 
     Left out: the transient of the initial state, the command at its limit, and standstill, where
     the axis is stuck wherever friction caught it and the command says little about the model. What
-    stands at first shows its initial state until it has moved off.
+    stands at first shows its initial state until it has moved off; at the end the law may take
+    derivatives of the reference that the record cannot give.
     """
     keep = np.ones(record.n_samples, dtype=bool)
     keep[: _moved_off(record) + settling(record)] = False
+    keep[len(keep) - ahead(record, loop.controller) :] = False
     own = loop.command(record)[:, 0]
     own = own - record.added[:, 0] if record.added is not None else own
     keep &= ~near(np.abs(own) >= AT_LIMIT * loop.controller.limit, round(NEARBY / record.dt))

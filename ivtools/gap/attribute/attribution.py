@@ -10,7 +10,7 @@ import numpy as np
 
 from ..candidate import Trial
 from ..discrepancy import Laws
-from ..fit import Fit, cost, of_effect
+from ..fit import Fit, common, cost, of_effect
 from ..rules import DISCREPANCY_T, LIKELY, SLIGHT, Rules
 from .evidence import Evidence, probability, weigh
 from .rounds import Round, pvalues
@@ -139,24 +139,17 @@ class Attribution:
         """Names that are not `LIKELY`, further ones that remove little, and empty ones.
 
         What removes little beside what all of them leave may be more of that. What was found beside
-        a name that falls must have been likely instead of it.
+        a name that falls must stand beside a force without one, which takes its place.
         """
         likely = [n for n, proof in self.evidence.items() if probability(proof) >= LIKELY]
         least = SLIGHT * (cost(self.held) - 1.0)
         slight = {n for n in likely[1:] if self.winners[n][1].removed < least}
         falls = [n for n in self.evidence if n in slight | self._empty or n not in likely]
-        beside = [n for n in self.evidence if falls and n not in falls]
-        falls += [n for n in beside if self._unlikely_instead(n, self.winners[falls[0]][0])]
+        if falls and len(falls) < len(self.evidence):
+            laws = Laws.of(common(self.base))
+            kept = {n: t for n, (_, t) in self.winners.items() if n not in falls}
+            falls += [n for n, t in kept.items() if not t.stands(laws)]
         return tuple(n for n in self.evidence if n in falls)
-
-    def _unlikely_instead(self, name: str, r: Round) -> bool:
-        """Whether an effect was not worth a trial in a round that another won, or not likely."""
-        own = next((t for t in r.trials if t.name == name), None)
-        if own is None:
-            return True
-        others = [t for t in r.trials if t is not own]
-        found = weigh(own, others, self.base, self.full or self.held)
-        return probability(replace(found, certain=name in self.certain)) < LIKELY
 
     @cached_property
     def _empty(self) -> set[str]:

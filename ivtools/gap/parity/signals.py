@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...limits import LARGEST
 from ...loop import ClosedLoop, Controller
-from ...loop.controllers import Seen
+from ...loop.controllers import Seen, ahead
 from ...record import Record
 from ..band import below
 from ..rules import (
@@ -85,9 +85,11 @@ class Signals:
         return x if self.hz is None else below(x, self.hz, self.dt)
 
     def error(self, controller: Controller, delay: int, added: float) -> Array:
-        """Return recorded minus expected command, (n,)."""
+        """Return recorded minus expected command, (n,); 0 at the end that the law cannot know."""
         expected = np.clip(self.law(controller, delay), -controller.limit, controller.limit)
-        return self.slow(self.command - expected - (1.0 + added) * self.added)
+        error = self.command - expected - (1.0 + added) * self.added
+        error[len(error) - ahead(self.record, controller) :] = 0.0
+        return self.slow(error)
 
 
 def _finite(command: Array) -> Array:

@@ -3,7 +3,7 @@
 from .controller import ANTI_WINDUP, Controller
 from .kinds import KINDS, Kind
 from .law import INPUTS, LinearLaw
-from .seen import Seen, other_derivative, reference_response, references
+from .seen import Seen, ahead, other_derivative, reference_response, references
 from .velocity import backward_difference
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "Kind",
     "LinearLaw",
     "Seen",
+    "ahead",
     "backward_difference",
     "other_derivative",
     "reference_response",

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 INPUTS = ("q_ref", "dq_ref", "feed", "q", "dq")
 _AT_LIMIT = 1.0 - 1e-6  # of the limit, from which a command counts as clipped
 _SILENT = 1e-2  # of what a start does by itself: where less is seen, it does the least it can
+_EDGE = 2  # samples at either end of which derivatives of a reference take some beyond it
 _NONE = 1e-10  # of the largest singular value: states that together do nothing to the command
 KNOWN, MEASURED = slice(0, 3), slice(3, 5)  # of the inputs: before a simulation, and in it
 
@@ -185,8 +186,8 @@ class LinearLaw:
         rows = np.ones(len(command), dtype=bool)
         if clipped is not None and (clipped.side == 0.0).any():
             rows = clipped.side == 0.0
-        if rows.sum() > 4 * len(self.taps):  # the first velocities rest on a guess of the past
-            rows[: len(self.taps)] = False
+        if rows.sum() > 4 * max(len(self.taps), _EDGE):  # these rest on a guess of the past
+            rows[: max(len(self.taps), _EDGE)] = rows[len(rows) - _EDGE :] = False
         size = np.maximum(np.max(np.abs(free), axis=0), 1e-300)
         free /= size
         # what the states can do to the command, whatever they are; of it, what is seen

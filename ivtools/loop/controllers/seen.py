@@ -164,6 +164,20 @@ def speed_reference(record: Record, way: str) -> Array:
     return derivative(record.q_ref[:, 0], record.dt, way)
 
 
+def ahead(record: Record, controller: Controller) -> int:
+    """Return how many samples a law looks ahead in its reference; as many at the end it cannot.
+
+    Derivatives that are not logged are central differences there, and those of the last samples
+    would take samples after the record.
+    """
+    if controller.kind == "none" or controller.reference_derivative != "central":
+        return 0
+    law, fed = controller.law(record.dt), controller.feedforward
+    own = int(record.dq_ref is None)
+    takes = law.D[1] != 0.0 or law.B[:, 1].any() or {"velocity", "coulomb"} & {*fed}
+    return own + 1 if "acceleration" in fed else own * int(bool(takes))
+
+
 def reference_response(
     controller: Controller, z: NDArray[np.complex128], record: Record
 ) -> NDArray[np.complex128]:
