@@ -287,7 +287,12 @@ class Diagnosis(Displayed):
     def otherwise(self) -> list[str]:
         """What has changed between the records, and what is left without a name, in sentences."""
         said = [change.said(name) for name, change in self.changed.items()]
-        return said + ([] if self.nameless is None else [f"left: {self.nameless.text}"])
+        if (left := self.nameless) is None:
+            return said
+        s = self.shrink
+        parts = s is not None and s.held_out and s.shown(left.before) != s.shown(s.after)
+        where = ", where both records have been" * parts
+        return [*said, f"left: {left.text}{where}"]
 
     @property
     def nameless(self) -> Discrepancy | None:

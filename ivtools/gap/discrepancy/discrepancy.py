@@ -53,7 +53,7 @@ class Discrepancy:
     Parameters
     ----------
     rms : float
-        Of the force beyond what the base parameters make, N or N m.
+        Of the force beyond what the base parameters make, N or N m, on the last fold.
     unit : str
     over : tuple of str
         What it depends on, of `smooth.OVER`; where one of `_DIRECTED` is among it, on the direction
@@ -167,13 +167,13 @@ def describe(
     forces = found.force()
     beyond = [_beyond(x, f, r) for x, f, r in zip(forces, fits, laws.runs, strict=True)]
     counts = [x[f.fold.keep] for x, f in zip(beyond, fits, strict=True)]
-    whole = float(np.sqrt(np.mean(np.concatenate(counts) ** 2)))
+    whole, there = (float(np.sqrt(np.mean(x**2))) for x in (np.concatenate(counts), counts[-1]))
     if whole < DISCREPANCY_SIZE * min(f.force_rms for f in fits):
         return None
     unit = JOINTS[fits[0].loop.joint].force
     period, curve = _curve(laws.basis, found, laws.runs, beyond)
     before, after = judged(_beyond(found.from_other()[-1], fits[-1], laws.runs[-1]))
-    return Discrepancy(whole, unit, found.over, found.gain, before, after, curve, period)
+    return Discrepancy(there, unit, found.over, found.gain, before, after, curve, period)
 
 
 def _beyond(force: Array, fit: Fit, run: Simulation) -> Array:

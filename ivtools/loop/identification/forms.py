@@ -23,6 +23,7 @@ _SLACK = 0.05  # below 0 and above 1 of the weight of a reference
 MOST = 4  # feed-forwards and columns beside one law
 LEAST = 2e-3  # share of the command that a feed-forward must be
 _ROUNDED = 1e-6  # of a gain, that a velocity reference is fed forward with at least
+_STEEPEST = 10.0  # weight of a sample in a filter of the velocity: beyond, it is made of noise
 _SAME = 1e-7  # share of a column outside of the others that is none
 
 
@@ -89,6 +90,8 @@ class Form:
         if any(sign * collected.get(c, 0.0) < 0.0 for c in ("e", "dq", "int e", "int lag")):
             return []
         if "dq" in collected and collected["dq"] == 0.0:
+            return []
+        if max(abs(weight) for weight in self.taps) > _STEEPEST:
             return []
         try:
             found = KINDS[self.kind].from_columns(collected)
