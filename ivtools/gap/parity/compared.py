@@ -235,10 +235,10 @@ def slowly(record: Record, loop: ClosedLoop, found: Parity, oversampling: int = 
     shown = replace(loop, controller=loop.controller.shown(record.dt))
     slow, _ = _checked(record, shown, hz)
     slow = slow if oversampling else _between(record, loop, slow)
-    if slow.oversampling == 1:  # so slow a signal tells no delay of a sample
+    if slow.oversampling == 1:  # so slow a signal tells no delay of a sample, nor a few per cent
         law = replace(shown.controller, limit=slow.loop.controller.limit)
-        slow = replace(slow, loop=replace(loop, controller=law), after=slow.before)
-    return found if slow.mismatch or slow.after > LAW_ERROR else slow
+        slow = replace(slow, loop=replace(loop, controller=law), mismatch={}, after=slow.before)
+    return found if slow.after > LAW_ERROR else slow
 
 
 def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -> Parity:
@@ -318,14 +318,15 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     """
     declared = loop.controller.delay
     whole = found.declared == loop.controller
-    if found.after <= ROUNDING or (whole and not found.mismatch and found.delay == declared):
+    alone = whole and not found.mismatch and found.delay == declared
+    if found.after <= (DIGITS if alone else ROUNDING):
         return found
     limited = replace(loop.controller, limit=found.loop.controller.limit)
     part = record.liveliest(LAW_TOLD)
     here = Signals(part, loop, found.below)
     stays = _left(here.error(limited.shown(part.dt), declared, 0.0))
     added = found.mismatch.get("added", 0.0)
-    left = _left(here.error(found.loop.controller, found.delay, added))
+    left = 0.0 if alone else _left(here.error(found.loop.controller, found.delay, added))
     tried = {}
     for count in FASTER:
         fine = Signals(interpolated(part, count), loop, found.below)

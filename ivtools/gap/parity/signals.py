@@ -81,8 +81,10 @@ class Signals:
         return left / whole
 
     def slow(self, x: Array) -> Array:
-        """Return what a signal, (n,), has below the frequency."""
-        return x if self.hz is None else below(x, self.hz, self.dt)
+        """Return what a signal, (n,), has below the frequency, without how it began."""
+        if self.hz is None:
+            return x
+        return below(np.where(np.arange(len(x)) < PARITY_HEAD, x[PARITY_HEAD], x), self.hz, self.dt)
 
     def error(self, controller: Controller, delay: int, added: float) -> Array:
         """Return recorded minus expected command, (n,); 0 at the end that the law cannot know."""

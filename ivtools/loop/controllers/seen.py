@@ -172,7 +172,7 @@ def ahead(record: Record, controller: Controller) -> int:
     """
     if controller.kind == "none" or controller.reference_derivative != "central":
         return 0
-    law, fed = controller.law(record.dt), controller.feedforward
+    law, fed = controller.shown(record.dt).law(record.dt), controller.feedforward
     own = int(record.dq_ref is None)
     takes = law.D[1] != 0.0 or law.B[:, 1].any() or {"velocity", "coulomb"} & {*fed}
     return own + 1 if "acceleration" in fed else own * int(bool(takes))
