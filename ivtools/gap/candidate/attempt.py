@@ -9,7 +9,7 @@ import numpy as np
 from ...loop import ClosedLoop
 from ...physics import Term
 from ...workers import threaded
-from ..fit import Fit, common, cost, gauss_newton, steps
+from ..fit import Fit, common, cost, gauss_newton, of_effect, steps
 from ..fold import Fold
 from ..rules import ADEQUATE, GOES_ON, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
 from ..screen import Score
@@ -48,11 +48,18 @@ def attempt(
     begin = starts(fits, scores, left, place)
     if not all(begin):
         return None
-    first = _tried(fits, before, term, begin)
-    if cost(first.held) < ADEQUATE or not all(others := beside(fits, term, begin[0][0])):
-        return first
-    other = _tried(fits, before, term, others)
-    return min(first, other, key=lambda t: (not t.meant, cost(t.held)))
+    best = _tried(fits, before, term, begin)
+    for near in (False, True):
+        first = of_effect(_better(best.fits).values, term.name) if near else begin[0][0]
+        if cost(best.held) < ADEQUATE or not all(others := beside(fits, term, first, near)):
+            break
+        other = _tried(fits, before, term, others)
+        best = min(best, other, key=lambda t: (not t.meant, cost(t.held)))
+    return best
+
+
+def _better(fits: tuple[Fit, ...]) -> Fit:
+    return min(fits, key=lambda f: f.cost)
 
 
 def _tried(
