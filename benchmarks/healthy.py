@@ -79,7 +79,7 @@ def _drawn(rng: np.random.Generator, kind: str, hz: float, seconds: float) -> Ca
         position_noise=stroke * 10 ** rng.uniform(-7, -4.5) * rng.normal(size=asked.n_samples),
         force_noise=rng.uniform(0.01, 0.1) * theta["coulomb"] * rng.normal(size=asked.n_samples),
     )
-    if not (made.finite and _follows(made.q, asked.q_ref, loop.controller.needs_position)):
+    if not (made.finite and follows(made.q, asked.q_ref, loop.controller.needs_position)):
         return None
     labels = {"kind": kind, "hz": hz, "joint": joint, "force": force, "known": known,
               "seconds": round(n / hz - 1.0, 1)}  # fmt: skip
@@ -88,7 +88,7 @@ def _drawn(rng: np.random.Generator, kind: str, hz: float, seconds: float) -> Ca
     return Case(record.slice(int(hz)), model, labels)
 
 
-def _follows(q: np.ndarray, q_ref: np.ndarray, position: bool) -> bool:
+def follows(q: np.ndarray, q_ref: np.ndarray, position: bool) -> bool:
     """Whether an axis does what it is told, a velocity loop without regard to where."""
     q, q_ref = q[:, 0], q_ref[:, 0]
     if not position:

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import Bounds, minimize
 
 from ..limits import LARGEST
 from ..linalg import as_columns, block_covariance, independent, orthonormal, rms
@@ -31,6 +32,8 @@ from .rules import (
     NARROW,
     REACH,
     SHORTER,
+    SIMPLEX,
+    SIMPLEX_TRIES,
     STEP,
     STIFF,
     UNSHOWN,
@@ -427,6 +430,38 @@ def gauss_newton(
         if gain > KEEP_JACOBIAN:
             J = at.jacobian(free, step)
     return Fit(fold, loop, at.values, at.e, free, J)
+
+
+def without_slopes(fit: Fit) -> Fit:
+    """Return a fit that goes on from there without slopes, in all that is free and is not 0.
+
+    J. A. Nelder, R. Mead, The Computer Journal 7(4), 1965, with the coefficients of F. Gao, L. Han,
+    Computational Optimization and Applications 51(1), 2012, for many parameters.
+    """
+    fold, names = fit.fold, [n for n in fit.free if fit.values[n]]
+    begin = np.array([fit.values[n] for n in names])
+    known = [fit.loop.parameters[n] for n in names]
+    limits = np.sort([(p.lower / x, p.upper / x) for p, x in zip(known, begin, strict=True)])
+
+    def values(x: Array) -> dict[str, float]:
+        """Return the parameters of the model at sizes relative to those where it began."""
+        return {**fit.values, **dict(zip(names, (x * begin).tolist(), strict=True))}
+
+    def left(x: Array) -> float:
+        """Return the mean square of the whitened error."""
+        e = fold.error(fit.loop, heavy_enough(fold, fit.loop, values(x)))
+        size = float(e @ e) / len(e)
+        return size if np.isfinite(size) else np.inf
+
+    corners = 1.0 + np.vstack([np.zeros(len(begin)), SIMPLEX * np.eye(len(begin))])
+    found = minimize(
+        left,
+        corners[0],
+        method="Nelder-Mead",
+        bounds=Bounds(*limits.T),
+        options={"initial_simplex": corners, "adaptive": True, "maxfev": SIMPLEX_TRIES},
+    )
+    return fit.refit(values=values(found.x), iterations=1) if found.fun < fit.cost else fit
 
 
 def normal(A: Array, b: Array) -> Array:

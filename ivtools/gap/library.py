@@ -15,7 +15,7 @@ from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from ..physics.sizes import sizes
 from ..record import Record
-from .rules import ALONG, AROUND, BEHIND, LINKED
+from .rules import ALONG, BEHIND, LINKED
 
 Array = NDArray[np.float64]
 
@@ -117,22 +117,6 @@ class Box:
         absent = {n: [0.0] for n, g in grids.items() if len(g) > 2 and min(g) == 0.0}
         present = {n: [x for x in grids[n] if x > 0.0] for n in absent}
         return [cls(term, {**grids, **part}) for part in ([absent, present] if absent else [{}])]
-
-    def near(self, point: Mapping[str, float]) -> list[Box]:
-        """Return the box around a point, or none if that lies in another one of the effect's.
-
-        Within a factor, and the bounds of each parameter; a choice stays one.
-        """
-        grids = dict(self.grids)
-        for p in self.term.parameters:
-            if p.nuisance or p.name not in grids:
-                continue
-            value = point[p.name]
-            if (value > 0.0) != (max(grids[p.name]) > 0.0):
-                return []
-            if value > 0.0:
-                grids[p.name] = [max(value / AROUND, p.lower), min(value * AROUND, p.upper)]
-        return [Box(self.term, grids)]
 
     @cached_property
     def _sides(self) -> dict[str, Callable[[float], float]]:

@@ -454,9 +454,9 @@ VALLEY_STEPS = 24
 NARROW = 0.1
 #: Share of the energy that a valley may leave to be worth following (training).
 VALLEY_DEPTH = 0.9
-#: Factor around what was found in one within which it is searched again, for contacts are rough
-#: (training: a gap of which 0.7 of the energy was left leaves 0.14; 1.4 and 2.5 do as well).
-AROUND = 1.6
+#: Relative size of the first simplex at the bottom of one, and how often it is moved at most
+#: (training: two of three gaps of which 2.3 to 64 times the noise was left come down to it).
+SIMPLEX, SIMPLEX_TRIES = 0.02, 600
 #: Seconds of each fold that the search for a valley looks at (training: cost against success).
 VALLEY_TIME = 4.0
 #: Samples that this takes at most: at high rates the stretch is shorter (numerics).

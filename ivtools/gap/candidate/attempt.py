@@ -9,7 +9,7 @@ import numpy as np
 from ...loop import ClosedLoop
 from ...physics import Term
 from ...workers import threaded
-from ..fit import Fit, common, cost, gauss_newton, of_effect, steps
+from ..fit import Fit, common, cost, gauss_newton, steps, without_slopes
 from ..fold import Fold
 from ..rules import ADEQUATE, GOES_ON, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
 from ..screen import Score
@@ -48,18 +48,11 @@ def attempt(
     begin = starts(fits, scores, left, place)
     if not all(begin):
         return None
-    best = _tried(fits, before, term, begin)
-    for near in (False, True):
-        first = of_effect(_better(best.fits).values, term.name) if near else begin[0][0]
-        if cost(best.held) < ADEQUATE or not all(others := beside(fits, term, first, near)):
-            break
-        other = _tried(fits, before, term, others)
-        best = min(best, other, key=lambda t: (not t.meant, cost(t.held)))
-    return best
-
-
-def _better(fits: tuple[Fit, ...]) -> Fit:
-    return min(fits, key=lambda f: f.cost)
+    first = _tried(fits, before, term, begin)
+    if cost(first.held) < ADEQUATE or not all(others := beside(fits, term, begin[0][0])):
+        return first
+    other = _tried(fits, before, term, others)
+    return min(first, other, key=lambda t: (not t.meant, cost(t.held)))
 
 
 def _tried(
@@ -93,7 +86,7 @@ def deeper(fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
     effect without valleys are there already. A nuisance, which the search chose of a few values, is
     fitted as well: what it should have been would be in all others. Contacts are rough: differences
     that are wide enough to look across what is rough lose sight of the bottom, so the last steps
-    take narrow ones.
+    take narrow ones, and where these leave something, a simplex goes on that asks for none.
     """
 
     def one(own: Fit, other: Fit) -> Fit:
@@ -103,7 +96,8 @@ def deeper(fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
         free = [*dict.fromkeys([*own.free, *loose])]
         both = (own.refit(None, start, free, VALLEY_STEPS) for start in (own.values, others))
         best = min(both, key=lambda f: f.cost)
-        return best.refit(free=free, iterations=VALLEY_STEPS, narrow=term.names)
+        best = best.refit(free=free, iterations=VALLEY_STEPS, narrow=term.names)
+        return best if best.cost < ADEQUATE else without_slopes(best)
 
     return tuple(threaded(one, fits, fits[::-1])) if term.search == "valleys" else fits
 

@@ -154,9 +154,7 @@ def _deepest(
     return [best] if least <= plain else []
 
 
-def beside(
-    fits: Sequence[Fit], term: Term, first: Point, near: bool = False
-) -> tuple[list[Point], ...]:
+def beside(fits: Sequence[Fit], term: Term, first: Point) -> tuple[list[Point], ...]:
     """Return, per fold, the point with the least error if the base is as it is beside a first one.
 
     Fitted without the effect it is so far off that the true point may leave more than others. None
@@ -168,9 +166,7 @@ def beside(
         The model without the effect, on each fold.
     term : Term
     first : dict
-        The point with the least error so far.
-    near : bool, optional
-        Look around it only: what a valley has at its bottom is rough.
+        The point with the least error beside the base that was fitted without it.
     """
     if term.search != "valleys" or term.by_inverse:
         return ([],) * len(fits)
@@ -186,9 +182,6 @@ def beside(
     costs = [_cost(f, term, one) for f, one in zip(fits, threaded(tuned, fits), strict=True)]
     shown = [c(None) for c in costs]
     plain, boxes = sum(shown), Box.of(term, fits[int(np.argmax(shown))].fold.scales)
-    boxes = [b for box in boxes for b in box.near(first)] if near else boxes
-    if not boxes:
-        return ([],) * len(fits)
     each = [_evolved(costs, plain, b, FIRST_CROWD) for b in boxes]
     return ([min(each, key=_cheapest)[1]],) * len(fits)
 
