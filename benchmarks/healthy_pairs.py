@@ -24,6 +24,7 @@ from ivtools.record import Record
 from . import populations
 from .healthy import follows
 
+ROW = "kind", "hz", "faster", "joint", "fed", "verdict", "named", "gap", "said", "cpu"
 TRIES = 6  # motions that are drawn until an axis follows one
 
 
@@ -100,6 +101,8 @@ def main() -> None:
     for seed in sorted(set(range(args.first, args.first + args.count)) - there):
         drawn = draw(seed)
         if drawn is None:
+            none = {**dict.fromkeys(ROW, ""), "verdict": "not drawn"}
+            populations.append(args.file, {"seed": seed, **none})
             continue
         (one, two), loop, labels = drawn
         start = time.process_time()

@@ -10,7 +10,7 @@ import numpy as np
 from .columns import UNITS
 from .display import Displayed
 from .errors import IVToolsError
-from .gap.parity import Parity, at_rate, check, doubted, otherwise_derived, slowly
+from .gap.parity import Parity, at_motion, at_rate, check, doubted, otherwise_derived
 from .problem import Problem
 from .tables import Text, table
 from .units import JOINTS, quantity
@@ -142,7 +142,7 @@ def _law(
     kind = parity.declared.kind
     where = _where(shown, record.longest)
     if parity.below is not None:
-        where += f", below {parity.below:.2g} Hz: above it is noise that is not logged"
+        where += f", below {parity.below:.2g} Hz: above it is noise that only one of them has"
     rows.append(("parity R2", f"{r2:.4f}", f"of the law in the axis file ({kind}){where}"))
     if parity.oversampling > 1:
         rows.append(("its rate", f"{parity.oversampling} times", "that of the log"))
@@ -163,7 +163,7 @@ def _law(
 
 def _parity(record: Record, loop: ClosedLoop, rate: int) -> Parity:
     """Return how a law compares; with the record's own where that is another one."""
-    found = slowly(record, loop, check(record, loop, False, rate), rate)
+    found = at_motion(record, loop, check(record, loop, False, rate), rate)
     return check(record, loop, oversampling=rate) if doubted(record, found) else found
 
 

@@ -316,14 +316,14 @@ def test_noise_between_the_samples_of_a_log_hides_no_law(seed):
     case = healthy.draw(seed, rates=(4000,), seconds=8.0)
     record, loop = sparse(case.record, 4), case.loop
     plain = parity.check(record, loop, read=False)
-    found = parity.slowly(record, loop, plain)
+    found = parity.at_motion(record, loop, plain)
     assert not plain.trustworthy
     assert found.trustworthy and not found.mismatch and found.below < 8.0
     law = loop.controller
     gains = {k: 1.6 * v for k, v in law.settings.items() if k in ("kp", "kv", "ki")}
     if gains:
         wrong = replace(loop, controller=replace(law, settings={**law.settings, **gains}))
-        other = parity.slowly(record, wrong, parity.check(record, wrong, read=False))
+        other = parity.at_motion(record, wrong, parity.check(record, wrong, read=False))
         assert other.below is None and (other.mismatch or not other.trustworthy)
 
 
@@ -332,9 +332,9 @@ def test_a_law_behind_such_noise_is_said_and_diagnosed():
     record = sparse(case.record, 4)
     found = iv.diagnose(record, case.loop)
     assert found.verdict == "adequate" and not found.effects
-    assert len(said(found, "has noise that the logged position has not")) == 1
+    assert len(said(found, "noise that is not the other's")) == 1
     shown = suitability(record, case.loop)
-    assert any("noise that is not logged" in text for *_, text in shown.rows)
+    assert any("noise that only one of them has" in text for *_, text in shown.rows)
 
 
 @pytest.mark.parametrize("seed", range(4))

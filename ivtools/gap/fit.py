@@ -117,7 +117,7 @@ class Simulated:
 
         def simulated(name: str) -> Array:
             """Return the derivative by one parameter, from one more simulation."""
-            at_top = self.values[name] + step[name] > self._upper(name)
+            at_top = self.values[name] + step[name] > self.largest(name)
             change = -step[name] if at_top else step[name]
             moved = {**self.values, name: self.values[name] + change}
             return (fold.error(loop, moved) - self.e) / change
@@ -158,7 +158,7 @@ class Simulated:
         J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, section 16.7.
         """
         low = np.array([self.loop.parameters[n].lower for n in free])
-        high = np.array([self._upper(n) for n in free])
+        high = np.array([self.largest(n) for n in free])
         at = np.array([self.values[n] for n in free])
         inside, move = np.ones(len(free), dtype=bool), np.zeros(len(free))
         for _ in free:
@@ -190,10 +190,10 @@ class Simulated:
         new = value + change
         if name == "inertia" or (not p.linear and p.lower >= 0.0 and value > 0.0):
             new = float(np.clip(new, value / REACH, value * REACH))
-        largest = min(self._upper(name), LARGEST)  # an absurd step diverges, and is shortened
+        largest = min(self.largest(name), LARGEST)  # an absurd step diverges, and is shortened
         return float(np.clip(new, max(p.lower, -LARGEST), largest))
 
-    def _upper(self, name: str) -> float:
+    def largest(self, name: str) -> float:
         """Return the largest value of a parameter: what is stiffer is not told from it."""
         p = self.loop.parameters[name]
         return min(p.upper, STIFF * p.rigid / self.fold.record.dt)
@@ -432,16 +432,26 @@ def gauss_newton(
     return Fit(fold, loop, at.values, at.e, free, J)
 
 
-def without_slopes(fit: Fit) -> Fit:
+def without_slopes(fit: Fit, narrow: Collection[str] = ()) -> Fit:
     """Return a fit that goes on from there without slopes, in all that is free and is not 0.
 
+    Parameters
+    ----------
+    fit : Fit
+    narrow : collection of str, optional
+        Parameters whose finite differences are narrow, in the step that ends it.
+
+    References
+    ----------
     J. A. Nelder, R. Mead, The Computer Journal 7(4), 1965, with the coefficients of F. Gao, L. Han,
     Computational Optimization and Applications 51(1), 2012, for many parameters.
     """
     fold, names = fit.fold, [n for n in fit.free if fit.values[n]]
+    if not names:
+        return fit
     begin = np.array([fit.values[n] for n in names])
-    known = [fit.loop.parameters[n] for n in names]
-    limits = np.sort([(p.lower / x, p.upper / x) for p, x in zip(known, begin, strict=True)])
+    known = [(fit.loop.parameters[n].lower, fit.largest(n)) for n in names]
+    limits = np.sort([(low / x, high / x) for (low, high), x in zip(known, begin, strict=True)])
 
     def values(x: Array) -> dict[str, float]:
         """Return the parameters of the model at sizes relative to those where it began."""
@@ -461,7 +471,8 @@ def without_slopes(fit: Fit) -> Fit:
         bounds=Bounds(*limits.T),
         options={"initial_simplex": corners, "adaptive": True, "maxfev": SIMPLEX_TRIES},
     )
-    return fit.refit(values=values(found.x), iterations=1) if found.fun < fit.cost else fit
+    better = found.fun < fit.cost
+    return fit.refit(values=values(found.x), iterations=1, narrow=narrow) if better else fit
 
 
 def normal(A: Array, b: Array) -> Array:

@@ -169,7 +169,8 @@ def _inspected(now: Input) -> Inspected:
         is not the logged one.
         """
         inexact = identified or record.name in now.inexact
-        doubted = p.after > PARITY_POOR if inexact else parity.doubted(record, p)
+        poor = p.after > PARITY_POOR and p.below is None
+        doubted = poor if inexact else parity.doubted(record, p)
         return parity.check(record, loop, oversampling=1) if doubted else p
 
     checked = tuple(threaded(known, records, now.compared))

@@ -136,7 +136,7 @@ def _telling(now: Input) -> Input:
     """
     records = now.task.records
     free = replace(now.loop, controller=replace(now.loop.controller, limit=np.inf))
-    short = [preflight.short(r, free) for r in records]  # a wrong unit may be above the limit
+    short = [preflight.too_short(r, free) for r in records]  # a wrong unit may be above the limit
     found = short
     if not any(short):
         lost = {*now.loop.names} - {*preflight.identifiable(records, now.loop).names}
@@ -173,15 +173,16 @@ def _compared(now: Input, loop: ClosedLoop) -> list[Parity]:
 
     def checked_one(one: Record) -> Parity:
         """Return how it compares with one of them."""
-        return parity.slowly(one, loop, parity.check(one, loop, False, rate), rate)
+        return parity.at_motion(one, loop, parity.check(one, loop, False, rate), rate)
 
     checked = threaded(checked_one, now.records)
     fast = [p for p in checked if p.oversampling > 1]
     if not fast:
         return checked
-    rate = min(fast, key=lambda p: p.after).oversampling  # noise hides it in the others
+    # noise hides it in the others
+    rate = min(fast, key=lambda p: (p.below is not None, p.after)).oversampling
     pairs = zip(now.records, checked, strict=True)
-    return [p if p.oversampling == rate else parity.check(r, loop, False, rate) for r, p in pairs]
+    return [p if p.oversampling == rate else checked_one(r) for r, p in pairs]
 
 
 def _derived(now: Input) -> Input:
@@ -200,7 +201,7 @@ def _derived(now: Input) -> Input:
 def _at_rate(now: Input) -> Input:
     """Say at which rate the controller acted, and leave out a filter that the log's cannot have."""
     pairs = zip(now.records, now.compared, strict=True)
-    slow = [f for r, p in pairs if p.below for f in preflight.named([preflight.slowly(p)], r)]
+    slow = [f for r, p in pairs if p.below for f in preflight.named([preflight.noisy(p)], r)]
     now = now.then(slow)
     rate = max(p.oversampling for p in now.compared)
     if rate > 1:

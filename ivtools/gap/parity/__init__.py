@@ -17,13 +17,13 @@ from .compared import (
     another,
     as_read,
     at_limit,
+    at_motion,
     at_rate,
     check,
     doubted,
     effects,
     otherwise_derived,
     relative,
-    slowly,
 )
 from .limit import beyond
 from .signals import Signals, grid
@@ -35,6 +35,7 @@ __all__ = [
     "another",
     "as_read",
     "at_limit",
+    "at_motion",
     "at_rate",
     "beyond",
     "check",
@@ -43,5 +44,4 @@ __all__ = [
     "grid",
     "otherwise_derived",
     "relative",
-    "slowly",
 ]

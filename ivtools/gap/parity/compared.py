@@ -54,7 +54,7 @@ class Parity:
     loop : ClosedLoop
         The loop with the controller that the record shows.
     before, after : float
-        Relative parity error as declared and as found, 1.
+        Relative parity error as declared and as found, 1: that of all, or of what is `below`.
     declared : Controller
         The controller of the axis file.
     mismatch : mapping
@@ -159,8 +159,10 @@ def otherwise_derived(
     if np.array_equal(here, there):
         return []
     found = list(compare(other))
-    less = any(p.below and not q.below for p, q in zip(found, compared, strict=True))
-    return found if not less and _explain_more(found, compared) else []
+    excused, other_excused = (any(p.below for p in each) for each in (compared, found))
+    if excused != other_excused:  # the one that needs no excuse
+        return found if excused and all(p.trustworthy for p in found) else []
+    return found if _explain_more(found, compared) else []
 
 
 def _explain_more(found: Sequence[Parity], other: Sequence[Parity]) -> bool:
@@ -213,12 +215,13 @@ def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int
     )
 
 
-def slowly(record: Record, loop: ClosedLoop, found: Parity, oversampling: int = 0) -> Parity:
+def at_motion(record: Record, loop: ClosedLoop, found: Parity, oversampling: int = 0) -> Parity:
     """Return how a law that explains little compares at the frequencies of the motion, if it can.
 
     What a controller saw between the samples of a log, or before they were rounded, has noise that
-    is not logged: in the command it may be larger than what the motion asks for. A law that gives
-    the command below it, as it is declared, is taken if no other one gives all of it.
+    is not logged, and a log may have noise of its own: in the command it may be more than the
+    motion asks for. A law that gives the command below it, as it is declared, is taken if no other
+    one gives all of it, and an added input acts as it was recorded.
 
     Parameters
     ----------
@@ -229,16 +232,29 @@ def slowly(record: Record, loop: ClosedLoop, found: Parity, oversampling: int = 
     oversampling : int, optional
         As it was asked there.
     """
-    hz = 0.0 if record.q_ref is None else motion_hz(record.q_ref[:, 0], record.dt)
-    if found.trustworthy or not hz or another(record, found):
+    hz = _motion_hz(record)
+    if found.trustworthy or not hz or "added" in found.mismatch or another(record, found):
         return found
+    if oversampling > 1:
+        slow = _at_rate(record, loop, oversampling, hz)
+        return slow if slow.after <= LAW_ERROR else found
     shown = replace(loop, controller=loop.controller.shown(record.dt))
-    slow, _ = _checked(record, shown, hz)
+    slow, signals = _checked(record, shown, hz)
     slow = slow if oversampling else _between(record, loop, slow)
     if slow.oversampling == 1:  # so slow a signal tells no delay of a sample, nor a few per cent
         law = replace(shown.controller, limit=slow.loop.controller.limit)
-        slow = replace(slow, loop=replace(loop, controller=law), mismatch={}, after=slow.before)
-    return found if slow.after > LAW_ERROR else slow
+        left = signals.share(signals.error(law, law.delay, 0.0))
+        slow = replace(slow, loop=replace(loop, controller=law), mismatch={}, after=left)
+    return slow if slow.after <= LAW_ERROR else found
+
+
+def _motion_hz(record: Record) -> float:
+    """Return the frequency below which the reference moves, Hz; 0 if it does not."""
+    if record.q_ref is not None:
+        return motion_hz(record.q_ref[:, 0], record.dt)
+    if record.dq_ref is not None:
+        return motion_hz(np.cumsum(record.dq_ref[:, 0]) * record.dt, record.dt)
+    return 0.0
 
 
 def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -> Parity:
@@ -287,9 +303,10 @@ def _checked(
     record: Record, loop: ClosedLoop, below: float | None = None
 ) -> tuple[Parity, Signals]:
     """Return how the declared law compares, and the signals, which know their limit."""
-    signals = Signals(record, loop, below)
-    declared = signals.error(loop.controller, loop.controller.delay, 0.0)
-    signals, limit, clipped = limit_of(signals, loop.controller)
+    whole = Signals(record, loop)
+    declared = whole.below(below).error(loop.controller, loop.controller.delay, 0.0)
+    signals, limit, clipped = limit_of(whole, loop.controller)
+    signals = signals.below(below)
     free = ~clipped
     if signals.share(declared) > ROUNDING:
         kept, delay = best_delay(signals, loop.controller, free)

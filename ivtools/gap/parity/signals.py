@@ -11,7 +11,7 @@ from ...limits import LARGEST
 from ...loop import ClosedLoop, Controller
 from ...loop.controllers import Seen, ahead
 from ...record import Record
-from ..band import below
+from .. import band
 from ..rules import (
     AT_LIMIT,
     LIMIT_SAMPLES,
@@ -58,6 +58,12 @@ class Signals:
         other.limit, other.least = limit, least
         return other
 
+    def below(self, hz: float | None) -> Signals:
+        """Return the same with the command below a frequency, Hz; None: with all of it."""
+        other = copy(self)
+        other.hz = hz
+        return other
+
     def seen(self, controller: Controller) -> Seen:
         """Return the inputs of a law, and what it gave."""
         return Seen.of(controller, self.record, self.whole, self.joint)
@@ -84,7 +90,8 @@ class Signals:
         """Return what a signal, (n,), has below the frequency, without how it began."""
         if self.hz is None:
             return x
-        return below(np.where(np.arange(len(x)) < PARITY_HEAD, x[PARITY_HEAD], x), self.hz, self.dt)
+        began = np.arange(len(x)) < PARITY_HEAD
+        return band.below(np.where(began, x[PARITY_HEAD], x), self.hz, self.dt)
 
     def error(self, controller: Controller, delay: int, added: float) -> Array:
         """Return recorded minus expected command, (n,); 0 at the end that the law cannot know."""

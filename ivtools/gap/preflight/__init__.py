@@ -20,7 +20,7 @@ from .findings import (
     overlap,
     require,
     same_axis,
-    short,
+    too_short,
 )
 from .hanging import Hanging, hanging
 from .logged import (
@@ -34,8 +34,8 @@ from .logged import (
     lateness,
     misplaced,
     near,
+    noisy,
     origin,
-    slowly,
 )
 from .plausible import doubts
 from .pull import HELD, adrift, followed, lawless, pulled, rings
@@ -64,6 +64,7 @@ __all__ = [
     "misplaced",
     "named",
     "near",
+    "noisy",
     "one_way",
     "only_one_way",
     "origin",
@@ -73,6 +74,5 @@ __all__ = [
     "require",
     "rings",
     "same_axis",
-    "short",
-    "slowly",
+    "too_short",
 ]

@@ -115,7 +115,7 @@ def named(found: Sequence[Finding], record: Record) -> list[Finding]:
     return [replace(f, text=f"{record.name}: {f.text}") for f in found]
 
 
-def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
+def _reference(record: Record, loop: ClosedLoop, parity: Parity | None = None) -> list[Finding]:
     assert record.q_ref is not None
     asked, done = (float(np.ptp(x)) for x in (record.q_ref, record.q))
     if asked <= NO_MOTION * max(float(np.max(np.abs(record.q))), 1e-12):
@@ -129,7 +129,8 @@ def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
     if along < -ALONG:
         return [Finding("q moves against its reference; check the signs of q and q_ref")]
     unit = JOINTS[loop.joint].length
-    weak = along > ALONG and parity.after < PARITY_POOR  # a soft loop against a strong spring
+    # a soft loop against a strong spring
+    weak = along > ALONG and parity is not None and parity.after < PARITY_POOR
     if FOLLOWS[0] < done / asked < FOLLOWS[1] or weak:
         return []
     factor, signal = (asked / done, "q") if done > asked else (done / asked, "q_ref")
@@ -141,11 +142,15 @@ def _reference(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
 
 
 def _length(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
-    return short(record, loop)
+    return _short(record, loop)
 
 
-def short(record: Record, loop: ClosedLoop) -> list[Finding]:
-    """Refuse a record with too little motion to compare."""
+def too_short(record: Record, loop: ClosedLoop) -> list[Finding]:
+    """Say that a record that follows its reference has too little motion to compare."""
+    return [] if _reference(record, loop) else _short(record, loop)
+
+
+def _short(record: Record, loop: ClosedLoop) -> list[Finding]:
     samples = int(usable(record, loop).sum())
     kept, whole = samples * record.dt, record.n_samples * record.dt
     if kept < LEAST_TIME:

@@ -372,12 +372,13 @@ def faster(count: int) -> Finding:
     return Finding(text, fatal=False)
 
 
-def slowly(found: Parity) -> Finding:
+def noisy(found: Parity) -> Finding:
     """Return what to say of a law that gives the command at the frequencies of the motion alone."""
     text = (
-        f"below {found.below:.2g} Hz the law gives the command to {percent(found.after)}, above it "
-        "the command has noise that the logged position has not: a controller that is faster than "
-        "the log sees more than is logged; log at its rate"
+        f"below {found.below:.2g} Hz, where the motion is, the law gives the command to "
+        f"{percent(found.after)}; above it command and logged position have noise that is not the "
+        "other's: of a sensor, of rounding, or of what a controller that is faster than the log "
+        "saw between its samples"
     )
     return Finding(text, fatal=False)
 

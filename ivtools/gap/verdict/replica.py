@@ -57,7 +57,7 @@ class Replica:
         """The sentence without its subject."""
         said = {
             True: "replicates in both directions",
-            False: "is likely, but its values differ",
+            False: "its values differ between the sides",
             None: "cannot be compared",
         }
         but = ", but for its size, which is a matter of when a record begins" * self.resized
