@@ -1,6 +1,7 @@
 """Laws read from records: a population of every kind, and what surrounds them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from ivtools.gap import parity
 from ivtools.loop import Controller
 from ivtools.loop.identification import linear
 from ivtools.loop.identification.data import Data
+from ivtools.loop.identification.forms import Form
 from ivtools.loop.identification.polish import Law, jacobian, moved, names_of, values
 
 UNKNOWN = Controller("identify", {})
@@ -276,3 +278,16 @@ def test_slopes_are_those_of_a_law_whose_state_is_fitted_anew(kind):
         more, less = (law.resids(moved(loop.controller, names, s)) for s in (step, -step))
         slope = (less - more) / (2.0 * step[i])
         assert np.linalg.norm(J[:, i] - slope) < 0.03 * np.linalg.norm(slope), name
+
+
+def test_a_velocity_filter_that_is_made_of_noise_is_no_law():
+    """Weights of a thousand that cancel are a second derivative."""
+    data = SimpleNamespace(sign=1.0, logged=False, derivative="central", limit=np.inf,
+                           record=SimpleNamespace(extra={}))  # fmt: skip
+    columns = ("e", "-dq[0]", "-dq[1]")
+    for taps, there in (((0.6, 0.4), True), ((-0.3, 1.3), True), ((-1232.0, 1233.0), False)):
+        values = dict(zip(columns, (20.0, *(3.0 * w for w in taps)), strict=True))
+        form = Form("cascade-pd", columns, 0, coefficients=values)
+        assert (
+            bool(form.controllers(Controller("cascade-pd", {"kp": 1.0, "kv": 1.0}), data)) is there
+        )

@@ -327,6 +327,26 @@ def test_noise_between_the_samples_of_a_log_hides_no_law(seed):
         assert other.below is None and (other.mismatch or not other.trustworthy)
 
 
+def test_an_added_input_of_the_wrong_sign_is_no_noise():
+    """Between the frequencies of the motion it would not show."""
+    loop, rng = iv.axes.emps(), np.random.default_rng(0)
+    motion = moves.record(loop, BASE, SECONDS, 1)
+    added = 2.0 * rng.choice([-1.0, 1.0], motion.n_samples // 20 + 1).repeat(20)[: motion.n_samples]
+    record = stepped_in(loop, motion, added)
+    record = record.replace(q=record.q[:, 0] + 3e-6 * rng.normal(size=record.n_samples))
+    wrong = record.replace(added=-added)
+    plain = parity.check(wrong, loop, read=False)
+    assert plain.mismatch["added"] == pytest.approx(-2.0, abs=0.1)
+    assert parity.at_motion(wrong, loop, plain) is plain
+    assert parity.at_motion(record, loop, parity.check(record, loop, read=False)).trustworthy
+
+
+def stepped_in(loop, motion, added):
+    """Return the record of a motion with an added input."""
+    made = loop.simulate(motion.replace(added=added), loop.values(BASE), initial="rest")
+    return motion.replace(q=made.q, nu=made.nu, added=added)
+
+
 def test_a_law_behind_such_noise_is_said_and_diagnosed():
     case = healthy.draw(1116, rates=(4000,), seconds=8.0)
     record = sparse(case.record, 4)

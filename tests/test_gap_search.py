@@ -113,6 +113,22 @@ def test_a_gap_is_searched_again_beside_the_base_as_it_is_with_it():
     assert gap.parameters["backlash"]["gap"] == pytest.approx(true["gap"], rel=0.01)
 
 
+def test_the_bottom_of_a_rough_valley_is_found_without_slopes():
+    """Gauss-Newton ends on its side, with the inertia and the load bent to suit each other."""
+    true = {"gap": 8.54e-4, "load_share": 0.379, "load_friction": 0.69, "contact_hz": 124.0}
+    loop, theta = axis("backlash", **true, damping=0.695, load_offset=0.0)
+    records, base = [moves.record(loop, theta, 10.0, s) for s in (10, 9)], iv.axes.emps()
+    fold = measure(prepared(records[0], parity.check(records[0], base), records)).fold
+    off = {"inertia": 92.4, "backlash.load_share": 0.388, "backlash.load_friction": 0.685}
+    free = [*BASE, *(f"backlash.{name}" for name in true)]
+    side = gauss_newton(fold, loop, loop.values({**theta, **off}), free)
+    found = fit.without_slopes(side)
+    assert found.cost < 1.1 < 2.0 < side.cost
+    for name in ("inertia", "backlash.gap", "backlash.load_share", "backlash.load_friction"):
+        assert found.values[name] == pytest.approx(theta[name], rel=0.02)
+    assert all(found.values[n] <= found.largest(n) for n in free)
+
+
 @pytest.mark.parametrize(
     ("suite", "name", "seed"),
     [
