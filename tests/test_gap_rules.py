@@ -148,13 +148,27 @@ def test_a_load_that_rattles_needs_few_blocks_if_nothing_else_looks_like_it():
 
 
 @pytest.mark.parametrize(
-    ("left", "first", "taken"),
-    [(1.02, 0.99, ()), (1.1, 0.99, ()), (1.4, 0.99, ("two",)), (1.4, 0.5, ("one",))],
+    ("left", "first", "stands", "taken"),
+    [
+        (1.02, 0.99, False, ()),
+        (1.1, 0.99, False, ()),
+        (1.4, 0.99, False, ("two",)),
+        (1.4, 0.5, True, ("one",)),
+        (1.4, 0.5, False, ("one", "two")),
+    ],
 )
-def test_a_further_name_is_not_slight_beside_what_all_leave(left, first, taken, monkeypatch):
-    """The first that is likely is none: it is not held against what it is found beside."""
-    pairs = {name: (None, SimpleNamespace(removed=0.05)) for name in ("one", "two")}
+def test_a_further_name_is_not_slight_beside_what_all_leave(
+    left, first, stands, taken, monkeypatch
+):
+    """The first that is likely is none: it is not held against what it is found beside.
+
+    Beside one that falls it must stand beside a smooth law, which takes that one's place.
+    """
+    trial = SimpleNamespace(removed=0.05, stands=lambda laws: stands and laws == "smooth laws")
+    pairs = {name: (None, trial) for name in ("one", "two")}
     monkeypatch.setattr(attribution, "probability", {"one": first, "two": 0.9}.get)
+    monkeypatch.setattr(attribution, "common", lambda fits: fits)
+    monkeypatch.setattr(attribution, "Laws", SimpleNamespace(of=lambda fits: "smooth laws"))
     found = Attribution((), (), (SimpleNamespace(cost=left),), tuple(pairs), Rules())
     vars(found).update(winners=pairs, _empty=set(), evidence={name: name for name in pairs})
     assert found.doubtful == taken

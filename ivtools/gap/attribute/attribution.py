@@ -145,10 +145,10 @@ class Attribution:
         least = SLIGHT * (cost(self.held) - 1.0)
         slight = {n for n in likely[1:] if self.winners[n][1].removed < least}
         falls = [n for n in self.evidence if n in slight | self._empty or n not in likely]
-        if falls and len(falls) < len(self.evidence):
+        after = [*self.evidence][[*self.evidence].index(falls[0]) :] if falls else []
+        if beside := [n for n in after if n not in falls]:
             laws = Laws.of(common(self.base))
-            kept = {n: t for n, (_, t) in self.winners.items() if n not in falls}
-            falls += [n for n, t in kept.items() if not t.stands(laws)]
+            falls += [n for n in beside if not self.winners[n][1].stands(laws)]
         return tuple(n for n in self.evidence if n in falls)
 
     @cached_property
