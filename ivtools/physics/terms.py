@@ -205,6 +205,12 @@ class Term:
         return self.search == "valleys" and self.law is not None
 
     @property
+    def gaps(self) -> tuple[str, ...]:
+        """Parameters that are the width of a gap before a second mass."""
+        pairs = self.by_name.items()
+        return tuple(n for n, p in pairs if self.second_mass and p.scale == "stroke")
+
+    @property
     def second_mass(self) -> bool:
         """Whether a second mass is behind the motor with it."""
         return self.slot == "second mass"

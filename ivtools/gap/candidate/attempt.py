@@ -97,7 +97,8 @@ def deeper(fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
         both = (own.refit(None, start, free, VALLEY_STEPS) for start in (own.values, others))
         best = min(both, key=lambda f: f.cost)
         best = best.refit(free=free, iterations=VALLEY_STEPS, narrow=term.names)
-        return best if best.cost < ADEQUATE else without_slopes(best, term.names)
+        smooth = not term.gaps or best.cost < ADEQUATE
+        return best if smooth else without_slopes(best, term.names)
 
     return tuple(threaded(one, fits, fits[::-1])) if term.search == "valleys" else fits
 

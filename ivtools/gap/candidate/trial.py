@@ -142,9 +142,7 @@ class Trial:
 
         A spring looks like a contact that is soft, in a gap of any width that is small.
         """
-        pairs = self.term.by_name.items()
-        gaps = [n for n, p in pairs if self.term.second_mass and p.scale == "stroke"]
-        sizes = ([fit.values[n] for fit in self.fits] for n in gaps)
+        sizes = ([fit.values[n] for fit in self.fits] for n in self.term.gaps)
         return all(max(s) <= AGREES * min(s) for s in sizes)
 
     @property
