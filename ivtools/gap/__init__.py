@@ -7,7 +7,7 @@ fleet = iv.diagnose_fleet(Path("logs").glob("*.csv"), loop, path="fleet")
 The rooms, in the order in which a record flows through them:
 
 preflight parity                     is the input fit, what does its controller show
-between                              the same, if the log has only some of its samples
+between band                         the same, if the log has only some of its samples, or its noise
 fold response floor                  what counts of it, how it answers, how noisy it is
 library screen spatial_lines         effects that may be missing, all at once
 fit candidate                        one of them, fitted on one fold and judged on the other

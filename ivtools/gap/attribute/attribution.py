@@ -144,12 +144,13 @@ class Attribution:
         likely = [n for n, proof in self.evidence.items() if probability(proof) >= LIKELY]
         least = SLIGHT * (cost(self.held) - 1.0)
         slight = {n for n in likely[1:] if self.winners[n][1].removed < least}
-        falls = [n for n in self.evidence if n in slight | self._empty or n not in likely]
-        after = [*self.evidence][[*self.evidence].index(falls[0]) :] if falls else []
+        names = [*self.evidence]
+        falls = [n for n in names if n in slight | self._empty or n not in likely]
+        after = names[names.index(falls[0]) :] if falls else []
         if beside := [n for n in after if n not in falls]:
             laws = Laws.of(common(self.base))
             falls += [n for n in beside if not self.winners[n][1].stands(laws)]
-        return tuple(n for n in self.evidence if n in falls)
+        return tuple(n for n in names if n in falls)
 
     @cached_property
     def _empty(self) -> set[str]:

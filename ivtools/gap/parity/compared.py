@@ -71,8 +71,8 @@ class Parity:
     oversampling : int
         Samples of the controller from one sample of the log to the next.
     below : float or None
-        Frequency, Hz, below which they are compared, where the log lacks the noise that the
-        controller saw; None: all of the command.
+        Frequency, Hz, below which they are compared, where command and logged position have noise
+        that is not the other's; None: all of the command.
     """
 
     loop: ClosedLoop
@@ -340,13 +340,13 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
         return found
     limited = replace(loop.controller, limit=found.loop.controller.limit)
     part = record.liveliest(LAW_TOLD)
-    here = Signals(part, loop, found.below)
+    here = Signals(part, loop).below(found.below)
     stays = _left(here.error(limited.shown(part.dt), declared, 0.0))
     added = found.mismatch.get("added", 0.0)
     left = 0.0 if alone else _left(here.error(found.loop.controller, found.delay, added))
     tried = {}
     for count in FASTER:
-        fine = Signals(interpolated(part, count), loop, found.below)
+        fine = Signals(interpolated(part, count), loop).below(found.below)
         if limited.shown(fine.dt) != limited:
             continue
         tried[count] = _left(fine.error(limited, declared, 0.0), count)

@@ -37,8 +37,8 @@ def grid(x: Array) -> float:
 class Signals:
     """What a control law sees, and what was recorded: of the command what is below a frequency."""
 
-    def __init__(self, record: Record, loop: ClosedLoop, hz: float | None = None) -> None:
-        self.hz = hz
+    def __init__(self, record: Record, loop: ClosedLoop) -> None:
+        self.hz: float | None = None  # below which the command counts
         self.record, self.joint, self.dt = record, loop.joint, record.dt
         self.added = record.added[:, 0] if record.added is not None else np.zeros(record.n_samples)
         self.whole = loop.command(record)

@@ -186,10 +186,9 @@ class LinearLaw:
         rows = np.ones(len(command), dtype=bool)
         if clipped is not None and (clipped.side == 0.0).any():
             rows = clipped.side == 0.0
-        if rows.sum() > 4 * max(
-            len(self.taps), _EDGE
-        ):  # velocities there, and derivatives, rest on a guess
-            rows[: max(len(self.taps), _EDGE)] = rows[len(rows) - _EDGE :] = False
+        edge = max(len(self.taps), _EDGE)  # velocities there, and derivatives, rest on a guess
+        if rows.sum() > 4 * edge:
+            rows[:edge] = rows[len(rows) - _EDGE :] = False
         size = np.maximum(np.max(np.abs(free), axis=0), 1e-300)
         free /= size
         # what the states can do to the command, whatever they are; of it, what is seen
