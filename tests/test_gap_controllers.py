@@ -93,6 +93,15 @@ def test_a_velocity_loop_that_rings_is_held_to_the_motion_and_says_so(tighter, s
     assert sum("hardly has a phase margin" in f.text for f in found.findings) == said
 
 
+def test_a_velocity_loop_has_the_phase_margin_of_its_own_rate():
+    """So many samples of delay are the controller's, not those of a log that it is faster than."""
+    loop, fine = played("p-velocity", hz=2000.0, n=24000, delay=9)
+    thinned = iv.Record(fine.t[::4], **{k: x[::4] for k, x in fine.signals.items()})
+    found = iv.diagnose(thinned, loop)
+    assert preflight.rings(thinned, loop) and not preflight.rings(thinned, loop, 4)
+    assert found.verdict == "adequate" and preflight.HELD not in found.findings
+
+
 def test_a_feed_forward_that_nobody_declared_is_said():
     fed = {"acceleration": 0.5}
     loop, record = played("cascade-pd", "stribeck", feedforward=fed)

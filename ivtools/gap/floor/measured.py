@@ -84,7 +84,7 @@ def prepared(record: Record, checked: Parity, records: Sequence[Record]) -> Read
     """
     loop = preflight.identifiable(records, checked.loop)
     place = record.q[:, 0] if preflight.adrift(loop) else None
-    if not preflight.rings(record, loop):
+    if not preflight.rings(record, loop, checked.oversampling):
         return Ready(record, loop, checked, place)
     ramp = checked.after > PARITY_POOR
     return Ready(*preflight.pulled(record, loop), checked, place, True, ramp)

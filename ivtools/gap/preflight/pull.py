@@ -66,16 +66,23 @@ def adrift(loop: ClosedLoop) -> bool:
     return loop.controller.kind in ("none", "p-velocity", "pi-velocity")
 
 
-def rings(record: Record, loop: ClosedLoop) -> bool:
+def rings(record: Record, loop: ClosedLoop, oversampling: int = 1) -> bool:
     """Whether a velocity loop hardly has a phase margin, so that none but the axis itself follows.
 
     What little the model, or the timing of the log, is wrong by rings on and covers the gap.
+
+    Parameters
+    ----------
+    record : Record
+    loop : ClosedLoop
+    oversampling : int, optional
+        Samples of the controller from one sample of the log to the next.
     """
     if not adrift(loop) or loop.controller.kind == "none":
         return loop.controller.kind == "none"
     own = loop.controller.known(record)
     inertia = _inertia(record, loop)
-    margin = margin_deg(replace(loop, controller=own), inertia, 0.0, record.dt)
+    margin = margin_deg(replace(loop, controller=own), inertia, 0.0, record.dt / oversampling)
     return bool(margin < MARGIN)
 
 
