@@ -663,7 +663,8 @@ TO_ZERO = 0.1
 #: alone. An effect without a name that saves as much is an alternative.
 DISCREPANCY_T = 3.0
 #: The same where that is most of the energy: fewer blocks are enough (as of dominant effects: what
-#: depends on the load shows where the axis accelerates).
+#: depends on the load shows where the axis accelerates). Of a second mass of which no smooth law
+#: could have most, too (training: a gap that opens in three bursts of each record has 2.4).
 DOMINANT_T = 2.0
 #: The same for a force that describes nearly all of what is left, `EXPLAINED` (judgement: a gain
 #: that falls with the speed left 4 %, at 1.8, for two steps had most of the energy).

@@ -58,18 +58,32 @@ def attempt(
 def _tried(
     fits: tuple[Fit, ...], before: tuple[Fit, ...], term: Term, begin: tuple[list[Point], ...]
 ) -> Trial:
-    """Return what comes of these starting values, per fold."""
+    """Return what comes of these starting values, per fold.
+
+    No load rattles twice in the same way: a fit that goes on in its valley may come to know one
+    fold's way only, and the other one says then that it has gone too far.
+    """
     new = tuple(threaded(lambda f, b: _extended(f, term, b), fits, begin))
-    if any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True)):
-        new = deeper(new, term)
+    first = _judged(new)
+    if not any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True)):
+        return Trial(term, *first, before)
+    further = _judged(deeper(new, term))
+    return Trial(term, *min(first, further, key=lambda found: cost(found[1])), before)
+
+
+def _judged(new: tuple[Fit, ...]) -> tuple[tuple[Fit, ...], tuple[Fit, ...]]:
+    """Return fits of both folds, and each fold with what the other one has.
+
+    What one has of the other may in turn be better than what that has itself: then that is stuck.
+    """
     made: Made = {}
     held = frozen(new, made=made)
-    for _ in new:  # what one has of the other may in turn be better than what that has itself
+    for _ in new:
         if not any(h.cost < n.cost for n, h in zip(new, held, strict=True)):
             break
-        new = tuple(threaded(_onwards, new, held))  # stuck: the other knows better
+        new = tuple(threaded(_onwards, new, held))
         held = frozen(new, made=made)
-    return Trial(term, new, held, before)
+    return new, held
 
 
 def _onwards(own: Fit, held: Fit) -> Fit:

@@ -21,7 +21,18 @@ from ..discrepancy import (
 )
 from ..fit import Fit, common, cost, costs
 from ..fold import Fold, better_t
-from ..rules import AGREES, APART, DISCREPANCY_T, EXACT, LEADING, MOST, STANDARD_ERRORS, TURN, Rules
+from ..rules import (
+    AGREES,
+    APART,
+    DISCREPANCY_T,
+    DOMINANT_T,
+    EXACT,
+    LEADING,
+    MOST,
+    STANDARD_ERRORS,
+    TURN,
+    Rules,
+)
 
 Array = NDArray[np.float64]
 
@@ -241,10 +252,11 @@ class Trial:
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates, and the force error is smaller for it by enough."""
         share = rules.share if self.term.everywhere else 0.0
+        shown = float(np.min(self.shares))
         # few blocks show a load that rattles, or an effect that another one hides
-        few = np.min(self.shares) > LEADING or self.apart
-        replicates = np.min(self.t) >= (DISCREPANCY_T if few else rules.t)
-        if not (replicates and np.min(self.shares) > share):
+        few = DISCREPANCY_T if shown > LEADING or self.apart else rules.t
+        least = DOMINANT_T if shown > MOST and self.apart else few
+        if np.min(self.t) < least or shown <= share:
             return False
         return self.lowered > rules.worth**2 and self.sound
 
