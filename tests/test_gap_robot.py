@@ -181,7 +181,7 @@ def test_what_nobody_knows_of_a_load_is_no_part_of_the_force_error():
         command=lambda record: record.nu,
         simulate=lambda record, *_, **__: SimpleNamespace(nu=0.0 * record.nu, finite=True),
     )
-    assert np.std(fold.force_error(still, {})) == pytest.approx(0.1, rel=0.1)
+    assert np.std(fold.likeliest(still, fold.simulate(still, {}))) == pytest.approx(0.1, rel=0.1)
 
 
 def test_what_changed_between_the_records_is_said_of_that_joint_only():

@@ -4,13 +4,13 @@ gap = iv.diagnose(record, loop, holdout=other)
 print(gap.summary())
 fleet = iv.diagnose_fleet(Path("logs").glob("*.csv"), loop, path="fleet")
 
-The rooms, in the order in which a record flows through them:
+The rooms, roughly in the order in which a record flows through them:
 
-preflight parity                     is the input fit, what does its controller show
+preflight parity                     is the input fit, and put right; what does its controller show
 between band                         the same, if the log has only some of its samples, or its noise
-fold response floor                  what counts of it, how it answers, how noisy it is
-library screen spatial_lines         effects that may be missing, all at once
-fit candidate                        one of them, fitted on one fold and judged on the other
+fold response floor                  what counts of it, how it answers, its base model and its noise
+library screen spatial_lines         effects that may be missing, each by itself, to first order
+fit candidate                        any model on one fold; one effect more, judged on the other one
 discrepancy                          smooth laws, which may explain what names do; one is described
 attribute                            which effects are named, and how sure that is
 quantify locate advice verdict       how far the gap closes, where it is, what to record, the answer

@@ -92,9 +92,6 @@ EXCITATIONS: dict[str, Callable[[Record], Record]] = {
     "a dither of 3 to 50 Hz added to the command (a tenth of its largest value)": _dither,
 }
 
-_MADE_BY = dict(zip(EXCITATIONS, ("steps", "steps", "steps"), strict=False))
-"""The reference of `ivtools excite` that has such a motion; a dither is none."""
-
 
 def separate(first: Fit, second: Fit, name: str, other: str) -> str:
     """Say which excitation tells two effects apart.
@@ -118,8 +115,8 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
             "stroke or a sensor at another place may"
         )
     grows = f"{100 * now:.0f} % to {100 * better[text]:.0f} %"
-    kind = _MADE_BY.get(text)
-    made = f"; ivtools excite --kind {kind} makes such a reference" if kind else ""
+    moved = EXCITATIONS[text] is not _dither
+    made = "; ivtools excite --kind steps makes such a reference" * moved
     return (
         f"to tell {name} from {other}: {text}; the part of what it does to the command that the "
         f"other one cannot imitate grows from {grows}{made}"
@@ -195,10 +192,7 @@ def _left(m: Measured, base: Fit, held: Fit) -> list[tuple[float, float]]:
 
 
 def remarks(
-    measured: tuple[Measured, ...],
-    result: Attribution,
-    held_out: bool,
-    given: int,
+    measured: tuple[Measured, ...], result: Attribution, held_out: bool, given: int
 ) -> list[str]:
     """Return what a person should know about the records, of which so many were given."""
     lines = []

@@ -72,12 +72,7 @@ def _held(x: Array, count: int) -> Array:
 
 
 def simulate(
-    loop: ClosedLoop,
-    record: Record,
-    values: Theta,
-    count: int,
-    ramp: bool = False,
-    **signals: Any,
+    loop: ClosedLoop, record: Record, values: Theta, count: int, ramp: bool = False, **signals: Any
 ) -> Simulation:
     """Simulate a loop whose controller takes so many samples for each of the record.
 

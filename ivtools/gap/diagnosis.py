@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 _LISTED = 8  # effects of the ranking, in a table
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis(Displayed):
     """What a model lacks to be the twin of a measured axis.
 
@@ -106,16 +106,16 @@ class Diagnosis(Displayed):
     ambiguous_with: dict[str, list[str]]
     parameters: dict[str, dict[str, float]]
     block: str | None
-    regions: tuple[Region, ...]
-    shrink: Shrink | None
-    ranking: tuple[Ranked, ...]
-    advice: tuple[str, ...]
+    regions: tuple[Region, ...] = ()
+    shrink: Shrink | None = None
+    ranking: tuple[Ranked, ...] = ()
+    advice: tuple[str, ...] = ()
     findings: tuple[Finding, ...]
     parity: tuple[Parity, ...]
-    floors: tuple[Floor, ...]
+    floors: tuple[Floor, ...] = ()
     loop: ClosedLoop
-    theta: dict[str, float]
-    chi: tuple[float, float]
+    theta: dict[str, float] = field(default_factory=dict)
+    chi: tuple[float, float] = (float("nan"), float("nan"))
     name: str
     replication: dict[str, tuple[float, float]] = field(default_factory=dict)
     replicas: tuple[Replica, ...] = ()

@@ -224,10 +224,15 @@ class Fit(Simulated):
         """What the free parameters can do to the error, (n_kept, n_free), orthonormal."""
         return orthonormal(self.J)
 
+    @property
+    def whole_error(self) -> Array:
+        """Measured less simulated force, N or N m, (n_samples,)."""
+        return self.fold.likeliest(self.loop, self.simulation)
+
     @cached_property
     def force_error(self) -> Array:
-        """Measured less simulated force of the samples that count, N or N m, (n_kept,)."""
-        return self.fold.likeliest(self.loop, self.simulation)[self.fold.keep]
+        """That of the samples that count, (n_kept,)."""
+        return self.whole_error[self.fold.keep]
 
     def beyond_base(self, columns: Array | None = None) -> Array:
         """Return what the free parameters cannot imitate of whitened columns, or of the error.
@@ -240,7 +245,7 @@ class Fit(Simulated):
     @property
     def force_rms(self) -> float:
         """Force error, N or N m rms; inf if the loop diverges."""
-        return float(np.sqrt(np.mean(self.force_error**2)))
+        return rms(self.force_error)
 
     @property
     def common(self) -> Fit:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from ..linalg import Metric, independent
+from ..linalg import Metric, independent, rms
 from ..loop import ClosedLoop, Simulation
 from ..loop.controllers import ahead
 from ..loop.mechanics import LIGHTEST
@@ -294,10 +294,6 @@ class Fold:
             return np.full(self.record.n_samples, np.inf)
         return loop.gain * (loop.command(self.record) - simulation.nu)[:, 0]
 
-    def force_error(self, loop: ClosedLoop, values: Values) -> Array:
-        """Return the force error of the loop simulated at these values, its load the likeliest."""
-        return self.likeliest(loop, self.simulate(loop, values))
-
     def likeliest(self, loop: ClosedLoop, simulation: Simulation) -> Array:
         """Return the force error of a simulation, (n_samples,), its load the likeliest."""
         e = self.gap(loop, simulation)
@@ -309,7 +305,7 @@ class Fold:
 
     def force_rms(self, loop: ClosedLoop) -> float:
         """Return the measured force of the samples that count, N or N m rms."""
-        return float(np.sqrt(np.mean(loop.force(self.record)[self.keep] ** 2)))
+        return rms(loop.force(self.record)[self.keep])
 
     def error(self, loop: ClosedLoop, values: Values) -> Array:
         """Return the whitened force error of the samples that count, (n_kept,)."""
@@ -375,18 +371,10 @@ class Fold:
     def stretch(self, start: int, stop: int) -> Fold:
         """Return the fold of some samples in a row."""
         rows = slice(start, stop)
-        place = None if self.place is None else self.place[rows]
-        against = None if self.against is None else self.against[rows]
         part, keep = self.record.slice(start, stop), self.keep[rows]
-        return replace(
-            self,
-            record=part,
-            keep=keep,
-            place=place,
-            both=None,
-            limited=None,
-            against=against,
-        )
+        place, against = (None if x is None else x[rows] for x in (self.place, self.against))
+        found = replace(self, record=part, keep=keep, place=place, against=against)
+        return replace(found, both=None, limited=None)
 
 
 def block_t(sums: Array) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from ..linalg import rms
 from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from ..physics.sizes import sizes
@@ -72,12 +73,10 @@ class Scales:
     def natural(self, term: Term, index: int, shape: dict[str, float]) -> float:
         """Return the value of a parameter whose effect is of the size of the force."""
         parameter = term.parameters[index]
-        if not parameter.linear:
+        if not parameter.linear or term.law is None:
             return self.sizes[parameter.scale]
-        if term.law is None:
-            return self.sizes[parameter.scale]
-        rms = float(np.sqrt(np.mean(self.column(term, index, shape) ** 2)))
-        return self.sizes["force"] / rms if rms > 0.0 else self.sizes["force"]
+        size = rms(self.column(term, index, shape))
+        return self.sizes["force"] / size if size > 0.0 else self.sizes["force"]
 
 
 @dataclass(frozen=True, eq=False)

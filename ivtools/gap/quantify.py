@@ -127,11 +127,8 @@ class Shrink:
         if not np.isfinite(self.before):
             return float(np.isfinite(self.after))
         reducible = self.before - self.floor
-        return (
-            float(np.clip((self.before - self.after) / reducible, -1.0, 1.0))
-            if reducible > 0
-            else 0.0
-        )
+        closed = (self.before - self.after) / reducible if reducible > 0 else 0.0
+        return float(np.clip(closed, -1.0, 1.0))
 
     @property
     def remainder(self) -> float:
@@ -233,13 +230,22 @@ def how_far(
     level = measured[-1].floor
     plain_base = result.base[-1] if len(measured) == 1 else measured[-1].base
     corrected = replace(plain_base, fold=fold)
-    shrink = quantify(before, corrected, after, still, _reachable(level, after), held_out)
-    record = fold.record
-    e0, e1 = (
-        before.fold.force_error(before.loop, before.values),
-        after.fold.force_error(after.loop, after.values),
+    e0, e1, e2, e3 = (f.force_error for f in (before, after, still, corrected))
+    shrink = Shrink(
+        unit=JOINTS[after.loop.joint].force,
+        before=rms(e0),
+        after=rms(e1),
+        corrected=rms(e3),
+        interval=_interval(e1, fold),
+        floor=min([_reachable(level, after), *map(rms, (e0, e1, e2))]),
+        held_out=held_out,
+        after_frozen=rms(e2),
+        interval_frozen=_interval(e2, fold),
+        force=fold.force_rms(after.loop),
+        signals=_signals(before, after),
     )
-    e0 = e1 if shrink.diverges else e0
+    record, e1 = fold.record, after.whole_error
+    e0 = e1 if shrink.diverges else before.whole_error
     force = after.loop.force(record)[:, 0]
     return shrink, Traces(record, fold.keep, force, e0, e1, _spectra(record.dt, e0, e1, level))
 
@@ -336,27 +342,6 @@ def _spectra(dt: float, e0: Array, e1: Array, level: Floor) -> tuple[Array, Arra
     after = signal.welch(e1, 1.0 / dt, nperseg=min(2048, len(e1)))[1]
     _, gain = signal.freqz([1.0], level.whitener, worN=2 * np.pi * hz * dt)
     return hz, np.sqrt(before), np.sqrt(after), np.sqrt(2.0 * dt) * np.abs(gain)
-
-
-def quantify(
-    before: Fit, corrected: Fit, after: Fit, frozen: Fit, floor: float, held_out: bool
-) -> Shrink:
-    """Measure the gap on the held-out fold, without and with the named effects."""
-    fold = after.fold
-    e0, e1, e2, e3 = (f.force_error for f in (before, after, frozen, corrected))
-    return Shrink(
-        unit=JOINTS[after.loop.joint].force,
-        before=rms(e0),
-        after=rms(e1),
-        corrected=rms(e3),
-        interval=_interval(e1, fold),
-        floor=min([floor, *map(rms, (e0, e1, e2))]),
-        held_out=held_out,
-        after_frozen=rms(e2),
-        interval_frozen=_interval(e2, fold),
-        force=fold.force_rms(after.loop),
-        signals=_signals(before, after),
-    )
 
 
 def _largest(*errors: float) -> float:

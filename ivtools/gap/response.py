@@ -16,20 +16,13 @@ from numpy.typing import NDArray
 from scipy import fft, signal
 
 from ..errors import EstimationError
-from ..linalg import as_columns
+from ..linalg import as_columns, rms
 from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..record import Record
 from . import between
 from .band import below
-from .rules import (
-    AFTER_REVERSAL,
-    FORGETTING,
-    MOVES,
-    RESPONSE_TIME,
-    SPEED_KNOTS,
-    SPLIT_HZ,
-)
+from .rules import AFTER_REVERSAL, FORGETTING, MOVES, RESPONSE_TIME, SPEED_KNOTS, SPLIT_HZ
 
 Array = NDArray[np.float64]
 
@@ -94,15 +87,14 @@ def measure(
     Its controller takes `oversampling` samples for each of the record.
     """
     linear = replace(
-        loop.with_terms("inertia", "viscous"),
-        controller=replace(loop.controller, limit=np.inf),
+        loop.with_terms("inertia", "viscous"), controller=replace(loop.controller, limit=np.inf)
     )
     viscous = values.get(
         "viscous", 0.5 * (values.get("viscous_pos", 0.0) + values.get("viscous_neg", 0.0))
     )
     theta = {"inertia": values["inertia"], "viscous": viscous}
     force, at = np.zeros(record.n_samples), 20
-    size = float(np.sqrt(np.mean(loop.force(record) ** 2)))
+    size = rms(loop.force(record))
     force[at] = -size
     both = (
         between.simulate(linear, record, theta, oversampling, force_noise=f)
@@ -128,13 +120,7 @@ def features(simulation: Simulation) -> Array:
     q, dq, tau = simulation.where, simulation.dq[:, 0], simulation.tau[:, 0]
     dt = float(simulation.t[1] - simulation.t[0])
     s, x = np.sign(dq), _along(q)
-    columns = [
-        *_speed(dq, s),
-        *_position(x, s),
-        *_load(tau, s),
-        *_reversal(s, dt),
-        *_slow(dq, s),
-    ]
+    columns = [*_speed(dq, s), *_position(x, s), *_load(tau, s), *_reversal(s, dt), *_slow(dq, s)]
     return _scaled(columns)
 
 

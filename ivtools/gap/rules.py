@@ -1,9 +1,9 @@
 """Rules: every threshold that a diagnosis decides by, what it means, and how it was found.
 
-Section by section, as the rooms are used; the thresholds of a name (`Rules`) are at the end. What
-belongs to one effect, as its bounds and where a search for it begins, is in its `Term`, unless it
-depends on the record (`BEHIND`, `LINKED`); what belongs to an algorithm of a lower layer, as the
-rough inertia or the difference of two logs, has a name there.
+Section by section, roughly as the rooms are used; the thresholds of a name (`Rules`) are at the
+end. What belongs to one effect, as its bounds and where a search for it begins, is in its `Term`,
+unless it depends on the record (`BEHIND`, `LINKED`); what belongs to an algorithm of a lower layer,
+as the rough inertia or the difference of two logs, has a name there.
 
 Words:
 
@@ -15,10 +15,14 @@ whitened energy       mean square of the error after the noise filter: 1 is nois
 floor                 whitened energy 1; as a force, N or N m: what no model of the axis could close
 gap                   whitened energy of the base model less 1; in force: its error above the floor;
                       of a backlash: its width
-reducible             force error before anything is named less the floor, both rms
+error                 measured force less that of the loop simulated along the record's reference
+reducible             what of the gap is above the floor: of force errors, rms, where it is told how
+                      far a gap closes; of whitened energy everywhere else
 gain                  share of the whitened energy, noise included, that an effect removes held out
 block t value         t value of a sum over blocks of `BLOCK` seconds, which count as independent
-smooth law            a penalised spline over the state of the axis or its past
+smooth law            columns over the state of the axis or its past: fixed ones where noise is
+                      learnt, hats where an effect is judged, a penalised spline as a force without
+                      a name
 force without a name  the smooth law that predicts held-out data best
 line                  a force that is periodic over position
 twin                  another effect of a round that cannot be told from the best one
@@ -49,9 +53,11 @@ AGREES = 1.67
 
 #: Samples from the position to the command that are tried (physics: bus and cycle times).
 MAX_DELAY = 5
-#: Samples at the start that depend on the time before the record (theory: taps plus delay).
+#: Samples at the start that depend on the time before the record (theory: taps plus delay), and on
+#: either side of one sample at which an error counts as being there (`ONE_PLACE`).
 PARITY_HEAD = 20
-#: Samples on one and the same extreme before it counts as a limit (training).
+#: Samples at an extreme, cut by the law there, or beyond a declared limit, before it counts as one
+#: (training).
 LIMIT_SAMPLES = 8
 #: Share of a limit from which the command counts as being at it (numerics: 12-bit logs).
 AT_LIMIT = 0.999
@@ -83,7 +89,8 @@ LIMIT_LEAVES = 0.02
 #: Parity error's energy over that of the command up to which a law at an undeclared limit is not
 #: asked for another one (judgement: behind the limit it is right).
 LIMIT_RIGHT = 0.01
-#: Relative parity error up to which the command is that of the law (numerics: digits of a log).
+#: Relative parity error up to which the command is that of the law, and relative difference up to
+#: which two numbers are one (numerics: digits of a log).
 ROUNDING = 1e-7
 #: Steps in which wrong gains are found at a delay (numerics: commands are nearly linear in them).
 GAIN_STEPS = 3
@@ -96,18 +103,22 @@ GAIN_ERROR = 0.004
 GAIN_T = 8.0
 #: Share of the parity error that wrong gains must explain (training).
 GAIN_EXPLAINS = 0.2
-#: Growth of the parity error at which a wrong gain less is one too few (training).
+#: Growth of the parity error's energy at which a wrong gain less is one too few; the same of the
+#: error, rms, up to which another reference does as well (training).
 GAIN_NEEDED = 1.02
 #: Relative parity error from which a law does not reproduce the command (training).
 LAW_ERROR = 0.2
 #: Relative parity error up to which a record is not asked for another law, or another derivative of
 #: its reference (definition: a setting of an axis file has four digits).
 DIGITS = 1e-4
-#: Relative parity error from which the record is asked for its own law (physics: a digital law
-#: repeats to rounding, and to 0.3 % where log and controller sample apart).
+#: Relative parity error from which a law explains little: half of its energy is enough for another
+#: one (`LAW_BETTER`), a late log and what is done at a limit are tried, and the command counts as
+#: measured (physics: a digital law repeats to rounding, and to 0.3 % where log and controller
+#: sample apart).
 PARITY_POOR = 0.02
-#: And from which share of it a law of a few past samples, whatever its kind, leaves so little that
-#: there is one (training: 0.0 where the axis file lacks a filter, 0.14 on EMPS, 1 in noise).
+#: A law of a few past samples, whatever its kind, is there if it leaves less than this share of the
+#: parity error, and of what the command's own past leaves (training: 0.0 where the axis file lacks
+#: a filter, 0.14 on EMPS, 1 in noise).
 LAW_THERE = 0.05
 #: Share of a step that values are off its multiples at most, if a signal is rounded to it
 #: (numerics: digits of a log).
@@ -115,7 +126,8 @@ ON_GRID = 0.05
 #: Lowest and highest cut-off of a filter that smooths a rounded reference, over half the sampling
 #: rate, and how many are tried (numerics).
 SMOOTHEST = (0.002, 0.9, 25)
-#: What is added at either end before that, over the cut-off (numerics: until the ends are settled).
+#: Samples that are added at either end before that: this over the cut-off (numerics: until the ends
+#: are settled).
 EDGES = 6.0
 #: Most that the filter may change, in steps: their mean square, and in one sample (theory: rounding
 #: makes a twelfth and a half; corners of a motion add a little).
@@ -135,8 +147,9 @@ ROUND = 10.0
 #: rounded and the controller had that (judgement: where it had the rounded one, the error is larger
 #: with a smooth), or with one that is derived otherwise (judgement).
 REFERENCE_BETTER = 0.7
-#: Samples by which a log is late that are tried where the law explains little as it is; the first,
-#: ahead of the position, where no law can be, wherever the command is not late (judgement).
+#: Samples by which a command is logged late that are tried where the law explains little as it is;
+#: the first, ahead of the position, where no law can be, wherever the command shows no delay
+#: (judgement).
 LATENESS = (-1, 1, 2)
 #: Samples by which a reference is logged late that are tried where the command is not that of the
 #: settings as declared (judgement: a cycle or two of a controller, and its output).
@@ -152,8 +165,8 @@ FASTER_EXPLAINS = 0.7
 #: Size, of the largest, from which a change of a reference, or of its slope, counts where one that
 #: was made at a lower rate than it is logged is told (numerics: digits of a log).
 SINGLE = 1e-3
-#: Samples of a log by which the delay that it shows then differs at most (training: 0.2 where noise
-#: of the encoder hides it).
+#: Samples of a log by which the delay that it shows then may differ; beyond, the declared one must
+#: explain nearly as much, `FASTER_EXPLAINS` (training: 0.2 where noise of the encoder hides it).
 FASTER_LATE = 0.25
 #: Samples of a log that tell a law, or its rate (cost).
 LAW_TOLD = 4000
@@ -191,7 +204,9 @@ ALONG = 0.9
 #: Share of the time or the way that each direction takes at least (theory: friction against
 #: offset); a reference that moves for less of the time moves in steps.
 ONE_WAY = 0.02
-#: Relative error of a gain from which a finding says that the axis file has another one (physics).
+#: Relative error of a gain from which a finding says that the axis file has another one, a law that
+#: another record showed is not this one's, and an added input is compared again as it acts
+#: (physics).
 GROSS_GAIN = 0.15
 #: Command over its declared limit, in `LIMIT_SAMPLES` samples: it is not the limit (numerics).
 OVER_LIMIT = 1.05
@@ -212,7 +227,7 @@ UNIT_SAMPLES = 1_000_000
 #: Ratio of recorded and expected command, or of the inertia that the record shows and that of the
 #: axis file, that is absurd, either way (physics: it is a unit; gains and payloads stay below).
 ABSURD = 20.0
-#: Correlation of recorded and expected command that speaks of a wrong sign (theory).
+#: Correlation of recorded and expected command below which a sign is wrong (theory).
 OPPOSITE = -0.5
 #: Share of stretches, sample for sample in both, from which two records are one (theory).
 SAME_RECORD = 0.95
@@ -227,9 +242,9 @@ SAME_AXIS = 2.0
 
 # --- pull and hanging: where no control law holds the axis ------------------------------------
 
-#: Natural frequency, Hz, of the pull to a motion without controller (physics: as of a slow servo),
-#: and at most, of the sampling rate.
+#: Natural frequency, Hz, of the pull to a motion without controller (physics: as of a slow servo).
 PULL_HZ = 5.0
+#: The same at most, also of a velocity loop's own pull, of the sampling rate (numerics).
 PULL_RATE = 0.025
 #: Damping of that pull, and the cut-off of its low-pass over its natural frequency (physics: it
 #: lags by 20 degrees where the pull crosses over; of 30 healthy axes with white noise of the
@@ -256,8 +271,8 @@ TRANSIENT = 0.15
 #: The same where a load is known: the links are not where they would be (training: a jerk at the
 #: start throws them across their gaps).
 LINKED_TRANSIENT = 0.3
-#: Of the largest step of an added input what is one too, where a log does not have its time
-#: (judgement).
+#: Change of an added input from one sample to the next, of the largest, from which it is a step
+#: too: what follows one does not count where a log does not have its time (judgement).
 STEPPED = 0.5
 #: Share of the stroke beyond which an axis has left the place where it stood (physics: a brushless
 #: motor is stuck in a well of its cogging for 0.3 s, and moves by a thousandth there).
@@ -304,7 +319,8 @@ LINE_SPEEDS = 40
 #: Share of the sampling rate that a line may reach at high speed (theory: Nyquist, with room), and
 #: the quantile of the speeds that is one.
 LINE_TOP, HIGH_SPEED = 0.35, 0.9
-#: Energy that any line has, of the largest: fainter ones are not raised above it (numerics).
+#: Energy that is added to what any line is answered by, of the largest: else lines that hardly show
+#: would be raised above the others (numerics).
 FAINT_LINE = 1e-3
 #: Periods over the stroke by which one line differs from the next (theory: width of a main lobe).
 LINES_APART = 2
@@ -315,7 +331,8 @@ LINE_PERIODS = 2.0
 TURN = 0.01
 #: Bins over a period of a line at least (numerics).
 LINE_BINS = 4
-#: Bumps over a period of a line that are another law (theory: two are the line itself).
+#: Knots over a period of a line of the law that its bumps are taken for (theory: two are the line
+#: itself).
 BUMPS = 4
 #: Periods, of that of the strongest line, of the lines that are taken out with it before noise is
 #: learnt: its second harmonic, or what it is that of (training: a cogging with a second harmonic of
@@ -331,7 +348,7 @@ WINDOW = 0.1
 LEAST_WINDOW = 50
 #: Frequency, Hz, below and above which a window must be quiet (EMPS: band of the position loop).
 SPLIT_HZ = 12.0
-#: The same at most, of half the sampling rate (numerics: a low-pass must be below it).
+#: Cut-off of any low-pass at most, of half the sampling rate (numerics: it must be below it).
 SPLIT_RATE = 0.9
 #: Quantile of the windows that count as quiet (training).
 QUIET = 0.7
@@ -366,7 +383,8 @@ FREQUENCIES, LEAST_LEFT = 512, 0.25
 EVENT = 8.0
 #: Least deviation, of the median, in that comparison (theory: chi-square of a short window).
 EVENT_SPREAD = 0.15
-#: Share of a window that noise with heavy tails may reach into (training: with all samples six of
+#: Share of the samples of a window, the largest, that do not count, for noise may have heavy tails
+#: (training: with all samples six of
 #: 100 pairs had an event without one; of bursts, none is lost).
 OUTLYING = 0.05
 #: Times that the noise is learnt, each on what laws leave of the windows that seemed typical before
@@ -387,12 +405,12 @@ LEAST_PERIOD, MOST_PERIODS = 20, 200
 #: Relative mismatch below which a reference repeats itself (numerics).
 PERIODIC = 1e-4
 #: The same beyond which the reference has left itself, before it comes again, and the samples from
-#: there among which the best repetition lies (numerics).
+#: its first repetition on among which the best one lies (numerics).
 ANOTHER, DEEPEST = 0.1, 200
 #: Samples that two passes or records must share for their difference to be a floor (training).
 LEAST_PAIRS = 100
-#: Stretches, and share of a record, that an outside force may take (training); half of it where the
-#: other record shows nothing (judgement).
+#: Most stretches, and share of a record, that an outside force may take (training); any number in
+#: less than half of the record where the other one shows nothing (judgement).
 FEW_EVENTS, EVENT_TIME = 5, 0.25
 
 # --- library: where a search begins -----------------------------------------------------------
@@ -508,7 +526,7 @@ ADEQUATE_NAMED = 1.15
 TWIN = 0.01
 #: Whitened energy below which nothing unknown is left that could favour one twin over another. A
 #: t value decides between twins below it only (training). From it on what is left is described, if
-#: it repeats (what is half the floor, 1.25, must be).
+#: it repeats (a force of half the floor, energy 1.25, must be).
 CLEAN = 1.05
 #: Whitened energy that names leave, over that which smooth laws of the base model's motion leave,
 #: from which a force without a name may explain more (training: of 39 true names one lies above,
@@ -533,7 +551,8 @@ AT_FIRST = 2
 RIVAL = 0.35
 #: An effect is fitted if the screening gives it a larger gain (training).
 WORTH_A_FIT = 0.005
-#: Share of a record unexplained by smooth laws that points to a second mass (training).
+#: Share of a record that stands out, which no smooth law explains, from which on a second mass is
+#: looked for (training).
 ROUGH = 0.1
 #: An effect is dropped again if the model without it loses less than this share of what all effects
 #: remove; the last one if it loses less than this share of what that one removed (training).
@@ -638,8 +657,8 @@ EXACT = 0.01
 CHANCE = 2.0
 #: Quantile of speed and force at which their knots begin (numerics: zero is many samples).
 FIRST_KNOT = 0.02
-#: Knots over position, and over speed, of what depends on both together; those over the load are as
-#: many as those over speed (theory: smooth).
+#: Knots over position, and over speed, of what depends on both together; from zero load on there
+#: are as many as over speed (theory: smooth).
 COARSE_KNOTS = (8, 4)
 #: Seconds in which a past motion is forgotten (physics: seals and belts), and frequencies, Hz, and
 #: damping at which something beside the axis swings (physics: below the loop's bandwidth).
@@ -747,7 +766,8 @@ NOTHING_ALONE = 0.02
 #: Closed share of the reducible gap from which no other answer and no second mass is looked for
 #: (training).
 ALL_CLOSED = 0.97
-#: Of the error before: what the corrected controller leaves, worth a line of its own (taste).
+#: Of the error before: what the corrected controller leaves at most, if it is worth a line of its
+#: own (taste).
 CORRECTED = 0.98
 #: Growth of what one of two effects cannot imitate that makes a motion worth advice (taste).
 BETTER_MOTION = 1.15
@@ -795,7 +815,8 @@ CRAWLING = 0.02
 SMALL_SWING = 1e-3
 #: Poses at which the mean inertia of a joint is taken (numerics: to some per cent).
 POSES = 50
-#: Part of a record, 1 / of it, after which errors of a robot count: its links swing in (taste).
+#: One part in so many of a record, its start, does not count in errors of a robot: its links swing
+#: in (taste).
 SWING_IN = 20
 #: Times that the joints of a robot are diagnosed at most, beside what was named before (cost).
 ROUNDS = 2
@@ -808,8 +829,8 @@ class Rules:
     """What qualifies an effect for a name; the defaults were found on withheld effects (training).
 
     An effect passes if all of this holds. Its parameters mean what its name says. A line over
-    position is no smooth law and no other wave. It is significant on either fold
-    (`t`), a good part of the gap (`share`), and the force error falls by `worth`. To
+    position is no smooth law and no other wave. It is significant on both folds (`t`), a good part
+    of the gap if any axis shows a little of it (`share`), and the force error falls by `worth`. To
     pass is not yet to be named: it must come near the largest gain (`equivalence_open`), be likely
     enough (`LIKELY`), stay beside a force without a name (`STANDARD_ERRORS`), and still be needed
     (`SUPERFLUOUS`, `SLIGHT`).
@@ -844,12 +865,12 @@ class Rules:
         Least share of the whole gap that an effect similar to a named one removes, but for a second
         mass of which no smooth law could have most (`APART`).
     t : float
-        Least block t value of an effect's amplitude on either fold (runs of 7700 to 8210: of 4100
+        Least block t value of an effect's amplitude on both folds (runs of 7700 to 8210: of 4100
         right names five lie below, all of a second mass of which no smooth law could have most;
         such a one needs `DISCREPANCY_T`, for a load that rattles shows in few blocks, and so does
         what removes a good part of the gap, `LEADING`).
     share : float
-        Least share of the reducible gap that an effect removes on either fold if any axis shows a
+        Least share of the reducible gap that an effect removes on both folds if any axis shows a
         little of it (`Term.everywhere`): it must be a good part of the gap (training; behind
         backgrounds, seeds 8210 on, two false names remove 0.02 and 0.05, of the true ones the least
         0.17).

@@ -56,20 +56,8 @@ class _Start:
     term: Term
     shape: dict[str, float]
     names: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Push(_Start):
-    """The forces of an effect, which are still to be answered."""
-
-    forces: Array  # (n_samples, m)
-
-
-@dataclass(frozen=True, eq=False)
-class _Direction(_Start):
-    """Changes of the whitened error."""
-
-    columns: Array  # (n_kept, m)
+    columns: Array  # forces, (n_samples, m), or the changes of the whitened error, (n_kept, m)
+    pushes: bool = False  # whether they are forces, which are still to be answered
 
 
 def screen(fit: Fit, terms: list[Term]) -> dict[str, Score]:
@@ -95,7 +83,7 @@ def screen(fit: Fit, terms: list[Term]) -> dict[str, Score]:
         for shape in _shapes(term, fold.scales, now, lines)
     ]
     found: dict[str, list[Score]] = {}
-    for d in _beyond_base(list(filter(None, tried)), fit):
+    for d in _beyond_base(tried, fit):
         found.setdefault(d.term.name, []).append(_score(d, e, fold))
     for term in terms:
         if term.search == "valleys" and term.name not in found:  # every glance has strayed
@@ -103,20 +91,20 @@ def screen(fit: Fit, terms: list[Term]) -> dict[str, Score]:
     return {name: _best(scores) for name, scores in found.items()}
 
 
-def _beyond_base(tried: list[_Push | _Direction], fit: Fit) -> Iterator[_Direction]:
+def _beyond_base(tried: list[_Start], fit: Fit) -> Iterator[_Start]:
     """Yield what starting points change beyond a base model, all forces answered at once.
 
     Those are left out whose loop has diverged.
     """
-    pushes = [d for d in tried if isinstance(d, _Push)]
-    forces = [f for d in pushes for f in d.forces.T]
+    pushes = [d for d in tried if d.pushes]
+    forces = [f for d in pushes for f in d.columns.T]
     wide = fit.fold.answers(as_columns(forces)) if forces else np.empty((fit.fold.n_kept, 0))
-    edges = np.cumsum([0, *(d.forces.shape[1] for d in pushes)])
+    edges = np.cumsum([0, *(d.columns.shape[1] for d in pushes)])
     parts = dict(zip(pushes, map(slice, edges[:-1], edges[1:]), strict=True))
     for d in tried:
-        columns = wide[:, parts[d]] if isinstance(d, _Push) else d.columns
+        columns = wide[:, parts[d]] if d in parts else d.columns
         if _sound(columns):
-            yield _Direction(d.term, d.shape, d.names, fit.beyond_base(columns))
+            yield replace(d, columns=fit.beyond_base(columns))
 
 
 def _best(scores: list[Score]) -> Score:
@@ -148,22 +136,17 @@ def _shapes(
     return scans(term, scales)
 
 
-def _direction(
-    fit: Fit, now: Simulation, term: Term, shape: dict[str, float]
-) -> _Push | _Direction | None:
-    """Return the force of an effect, or the change that it makes; None if the loop diverges."""
+def _direction(fit: Fit, now: Simulation, term: Term, shape: dict[str, float]) -> _Start:
+    """Return the force of an effect, or the change that it makes."""
     if (term.law is not None and term.search != "valleys") or term.as_force is not None:
         names = tuple(p.name for p in term.parameters if p.linear)
-        return _Push(term, shape, names, unit_forces(fit, now, term, shape))
+        return _Start(term, shape, names, unit_forces(fit, now, term, shape), True)
     key, fold = (term.name, *shape.items()), fit.fold
     if key not in fold.simulated:
         loop = fit.loop.with_effect(term, **shape)
         then = fold.simulate(loop, loop.values(fit.values))
         fold.simulated[key] = fold.gap(loop, then) - fold.gap(fit.loop, now)
-    change = fold.simulated[key]
-    if not np.isfinite(change[-1]):
-        return None
-    return _Direction(term, shape, (), fold.white(change)[:, None])
+    return _Start(term, shape, (), fold.white(fold.simulated[key])[:, None])
 
 
 def unit_forces(fit: Fit, now: Simulation, term: Term, shape: dict[str, float]) -> Array:
@@ -208,7 +191,7 @@ def _sound(columns: Array) -> bool:
     return bool(np.max(np.abs(columns), initial=0.0) < LARGEST)
 
 
-def _score(d: _Direction, e: Array, fold: Fold) -> Score:
+def _score(d: _Start, e: Array, fold: Fold) -> Score:
     """Regress the residual on the columns that the base model does not already have."""
     beta = normal(d.columns, e)
     explained = d.columns @ beta

@@ -34,11 +34,7 @@ Array = NDArray[np.float64]
 
 
 def search(
-    fold: Fold,
-    e: Array,
-    simulation: Simulation,
-    terms: Sequence[Term],
-    count: int = LINES,
+    fold: Fold, e: Array, simulation: Simulation, terms: Sequence[Term], count: int = LINES
 ) -> dict[str, list[float]]:
     """Return the most likely spatial periods for each effect that has one, m or rad.
 
@@ -63,11 +59,7 @@ def search(
 
 
 def strongest(
-    fold: Fold,
-    e: Array,
-    simulation: Simulation,
-    weights: Iterable[Array],
-    count: int,
+    fold: Fold, e: Array, simulation: Simulation, weights: Iterable[Array], count: int
 ) -> list[list[float]]:
     """Return the most likely periods of waves with each of some weights, (n_samples,)."""
     q, v = simulation.where, simulation.dq[:, 0]

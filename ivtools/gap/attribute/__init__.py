@@ -11,12 +11,4 @@ from .attribution import Attribution, Supposed
 from .evidence import Evidence, features, probability
 from .selection import attribute, upheld
 
-__all__ = [
-    "Attribution",
-    "Evidence",
-    "Supposed",
-    "attribute",
-    "features",
-    "probability",
-    "upheld",
-]
+__all__ = ["Attribution", "Evidence", "Supposed", "attribute", "features", "probability", "upheld"]

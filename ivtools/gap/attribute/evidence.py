@@ -109,10 +109,7 @@ class Evidence:
 
 
 def evidence(
-    trial: Trial,
-    rivals: Sequence[Trial],
-    base: Sequence[Fit],
-    held: Sequence[Fit] = (),
+    trial: Trial, rivals: Sequence[Trial], base: Sequence[Fit], held: Sequence[Fit] = ()
 ) -> Evidence:
     """Return what speaks for the effect of a trial.
 
@@ -187,10 +184,7 @@ def probability(proof: Evidence) -> float:
 
 
 def weigh(
-    trial: Trial,
-    others: Sequence[Trial],
-    base: tuple[Fit, ...],
-    held: tuple[Fit, ...] = (),
+    trial: Trial, others: Sequence[Trial], base: tuple[Fit, ...], held: tuple[Fit, ...] = ()
 ) -> Evidence:
     """Return the evidence for an effect; where it leaves doubt, also whether the effect stands.
 

@@ -15,16 +15,7 @@ from ...workers import threaded
 from ..candidate import Trial
 from ..discrepancy import Laws, Spline, advantage, least_t, nothing
 from ..fit import Fit, cost
-from ..rules import (
-    CLEAN,
-    DISCREPANCY_T,
-    MOST,
-    SEVERAL,
-    SPARED,
-    STANDARD_ERRORS,
-    TIE,
-    Rules,
-)
+from ..rules import CLEAN, DISCREPANCY_T, MOST, SEVERAL, SPARED, STANDARD_ERRORS, TIE, Rules
 
 
 class Kept(NamedTuple):

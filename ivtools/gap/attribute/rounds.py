@@ -127,10 +127,9 @@ class Round:
 
     def similar(self) -> set[str]:
         """Return the effects with most of the best one's gain."""
-        if self.best is None:
-            return set()
-        sizes = {**self.gains}
-        sizes |= {t.name: max(t.gain, self.gains[t.name]) for t in self.trials}
+        assert self.best is not None
+        tried = {t.name: max(t.gain, self.gains[t.name]) for t in self.trials}
+        sizes = {**self.gains, **tried}
         least = MOST * sizes.get(self.best.name, self.best.gain)
         return {n for n, size in sizes.items() if size >= least}
 
@@ -145,11 +144,7 @@ def _equal(trial: Trial, best: Trial, margin: float) -> bool:
 
 
 def play(
-    base: tuple[Fit, ...],
-    rounds: Sequence[Round],
-    terms: list[Term],
-    rules: Rules,
-    places: Places,
+    base: tuple[Fit, ...], rounds: Sequence[Round], terms: list[Term], rules: Rules, places: Places
 ) -> Round:
     """Look for one more effect.
 

@@ -20,16 +20,7 @@ from ..candidate import Trial, deeper, frozen
 from ..discrepancy import Laws
 from ..fit import Fit, common, cost, gauss_newton, normal
 from ..library import library
-from ..rules import (
-    CLEAN,
-    LIKELY,
-    MORE,
-    MOST,
-    PAIR_ROUNDS,
-    SUPERFLUOUS,
-    SURELY_NEEDED,
-    Rules,
-)
+from ..rules import CLEAN, LIKELY, MORE, MOST, PAIR_ROUNDS, SUPERFLUOUS, SURELY_NEEDED, Rules
 from .attribution import Attribution, Supposed
 from .evidence import evidence, left_by_smooth_laws, probability, weigh
 from .kept import names_kept
@@ -271,10 +262,7 @@ def _withdrawn(result: Attribution, known: Mapping[tuple[str, ...], Trial]) -> A
 
 
 def _backward(
-    base: tuple[Fit, ...],
-    fits: tuple[Fit, ...],
-    held: tuple[Fit, ...],
-    won: Sequence[Trial],
+    base: tuple[Fit, ...], fits: tuple[Fit, ...], held: tuple[Fit, ...], won: Sequence[Trial]
 ) -> tuple[list[str], tuple[Fit, ...], tuple[Fit, ...]]:
     """Drop effects that a later one made superfluous, or that stand for a descent that ended early.
 

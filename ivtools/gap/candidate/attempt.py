@@ -203,18 +203,13 @@ def _extended(fit: Fit, term: Term, begin: list[Point]) -> Fit:
         free = [*fit.free, *_free(term, values)]
         new = gauss_newton(fit.fold, loop, loop.values(base), free, near=near)
         if new.cost > fit.cost:  # the base parameters must give way first: begin without it
-            plain = {**loop.values(fit.values), **_absent(term)}
+            plain = {**loop.values(fit.values), **{n: term.by_name[n].neutral for n in term.linear}}
             if plain in plains:  # starts that differ in sizes only
                 continue
             plains.append(plain)
             new = gauss_newton(fit.fold, loop, plain, free, near=near)
         found.append(new)
     return min(found, key=lambda f: f.cost)
-
-
-def _absent(term: Term) -> dict[str, float]:
-    """Return what makes an effect vanish, its shape as it is."""
-    return {name: term.by_name[name].neutral for name in term.linear}
 
 
 def _free(term: Term, values: Mapping[str, float]) -> list[str]:

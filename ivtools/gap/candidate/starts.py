@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, OptimizeResult, differential_evolution, minimize
 from scipy.stats import qmc
 
+from ...linalg import orthonormal
 from ...physics import Term
 from ...workers import threaded
 from ..fit import Fit, gauss_newton, heavy_enough
@@ -69,10 +70,7 @@ def starts(
         return (_deepest(fits, term, left, place),) * len(fits)
     if term.search == "either":
         return tuple(alternatives(term, f.fold.scales) for f in fits)
-    if term.instead is not None:
-        pairs = zip(scores, fits, strict=True)
-        return tuple([*s.starts, *instead(f, term)] for s, f in pairs)
-    return tuple(s.starts for s in scores)
+    return tuple([*s.starts, *instead(f, term)] for s, f in zip(scores, fits, strict=True))
 
 
 def beginning(fit: Fit, term: Term, values: Point | None = None) -> dict[str, float]:
@@ -196,10 +194,7 @@ def _power(box: Box, crowd: int) -> int:
 
 
 def _evolved(
-    costs: Sequence[Callable[[Point | None], float]],
-    plain: float,
-    box: Box,
-    crowd: int,
+    costs: Sequence[Callable[[Point | None], float]], plain: float, box: Box, crowd: int
 ) -> tuple[float, Point]:
     """Return the least cost in a box, of all folds together, and where it is.
 
@@ -286,8 +281,7 @@ def _cost(fit: Fit, term: Term, tuned: Fit | None = None) -> Callable[[Point | N
     part = fold.stretch(rows.start, rows.stop)
     part = part.only(np.arange(rows.start, rows.stop) >= settled)
     J = (tuned or fit).J[np.sum(fold.keep[:settled]) :][: part.n_kept]
-    Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0]
-    left, loop = part.cost_beside(Q), fit.loop.with_effect(term)
+    left, loop = part.cost_beside(orthonormal(J)), fit.loop.with_effect(term)
     base = tuned.values if tuned is not None else loop.values(beginning(fit, term))
 
     def cost(point: Point | None) -> float:

@@ -121,7 +121,9 @@ def _measured(
     ]
     if now.loop.controller.kind != "none" and any(r.driven for r in ready):
         found.append(preflight.HELD)
-    loop = _comparable(preflight.identifiable(records, now.loop), ready[0])
+    loop = preflight.identifiable(records, now.loop)
+    if ready[0].driven:  # pulled
+        loop = replace(loop, controller=ready[0].loop.controller)
     every = tuple(threaded(measure, ready))
     return loop, (*_confirmed(loop, every[: len(records)]), *every[len(records) :])
 
@@ -202,11 +204,6 @@ def _by_record(given: Collection[Record], found: Iterable[list[Finding]]) -> lis
         return [f for each in found for f in each]
     pairs = zip(given, found, strict=False)
     return [f for record, each in pairs for f in preflight.named(each, record)]
-
-
-def _comparable(loop: ClosedLoop, one: Ready) -> ClosedLoop:
-    """Return the declared loop as it can be compared with a record's: pulled, where that is."""
-    return loop if not one.driven else replace(loop, controller=one.loop.controller)
 
 
 def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measured, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...linalg import rms
 from ...loop import Simulation
 from ...units import JOINTS, plain_number, prefixed, quantity
 from ..fit import Fit, normal
@@ -144,9 +145,7 @@ class Discrepancy:
 
 
 def describe(
-    fits: Sequence[Fit],
-    judged: Callable[[Array], tuple[float, float]],
-    laws: Laws | None = None,
+    fits: Sequence[Fit], judged: Callable[[Array], tuple[float, float]], laws: Laws | None = None
 ) -> Discrepancy | None:
     """Return the force that repeats in what two fits leave; None if there is none.
 
@@ -167,7 +166,7 @@ def describe(
     forces = found.force()
     beyond = [_beyond(x, f, r) for x, f, r in zip(forces, fits, laws.runs, strict=True)]
     counts = [x[f.fold.keep] for x, f in zip(beyond, fits, strict=True)]
-    whole, there = (float(np.sqrt(np.mean(x**2))) for x in (np.concatenate(counts), counts[-1]))
+    whole, there = map(rms, (np.concatenate(counts), counts[-1]))
     if whole < DISCREPANCY_SIZE * min(f.force_rms for f in fits):
         return None
     unit = JOINTS[fits[0].loop.joint].force

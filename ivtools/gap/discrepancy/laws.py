@@ -265,14 +265,7 @@ def beside_law(
     """Return what an effect has of its own beside a force without a name, and its size there.
 
     Its share and, relative to that by itself, its amplitude, on each fold; nothing where there is
-    no such force.
-
-    Parameters
-    ----------
-    before, held : sequence of Fit
-        The model without and with the effect, which the other fold has fitted.
-    laws : Laws, optional
-        Along the motion of a model much like it.
+    no such force. Parameters as for `stands`.
     """
     law = None if laws is None else laws.fitted(before)
     if law is None or not law.over:

@@ -45,6 +45,7 @@ Array = NDArray[np.float64]
 #: before the record as well, "wave" friction that is periodic over position, "swing" what a load
 #: does that hangs from the axis.
 OVER = ("q", "dq", "load", "drive", "state", "gain", "past", "heat", "warm", "wave", "swing")
+STATE = OVER[:3]
 #: Those of friction that remembers how much the axis moved.
 OF_USE = ("heat", "warm")
 
@@ -82,9 +83,12 @@ class Basis:
         speed = np.quantile(np.abs(dq), np.linspace(FIRST_KNOT, 1.0, SPEED_KNOTS))
         drive = np.quantile(np.abs(tau), np.linspace(FIRST_KNOT, 1.0, SPEED_KNOTS))
         where, fast = COARSE_KNOTS
+        fine = POSITION_KNOTS
+        if spacing:
+            fine = int(np.clip(np.ptp(q) / spacing, LEAST_KNOTS, MOST_KNOTS))
         return cls(
             {
-                "q": np.linspace(q.min(), q.max(), _knots(float(np.ptp(q)), spacing)),
+                "q": np.linspace(q.min(), q.max(), fine),
                 "dq": np.unique(speed),
                 "load": np.linspace(0.0, float(np.max(np.abs(tau))), fast)[1:],
                 "drive": np.unique(drive),
@@ -93,13 +97,9 @@ class Basis:
             }
         )
 
-    def additive(self, run: Simulation) -> Array:
+    def over(self, run: Simulation, *names: str) -> Array:
         """Return forces over one signal each, one column per hat and direction, (n_samples, m)."""
-        return as_columns(h for n in ("q", "dq", "load") for h in self._each_way(n, run))
-
-    def over(self, name: str, run: Simulation) -> Array:
-        """Return forces over position, speed or load, one column per hat and direction."""
-        return as_columns(self._each_way(name, run))
+        return as_columns(h for n in names for h in self._each_way(n, run))
 
     def _each_way(self, name: str, run: Simulation) -> list[Array]:
         """Return the hats over a signal, and the same with the sign of the motion."""
@@ -115,7 +115,7 @@ class Basis:
         """
         (q,), (dq,), (tau,) = signals([run])
         sign, dt = np.sign(dq), float(run.t[1] - run.t[0])
-        found = {n: self.over(n, run) for n in ("q", "dq", "load")}
+        found = {n: self.over(run, n) for n in STATE}
         found["drive"] = self.hats("drive", np.abs(tau)) * np.sign(tau)[:, None]
         where, fast = self.hats("where", q), self.hats("how fast", np.abs(dq))
         both = (where.T[:, None] * fast.T).reshape(-1, len(q)).T
@@ -164,8 +164,7 @@ class Basis:
     def swinging(self, run: Simulation) -> Array:
         """Return what loads do that the axis sets swinging, (n_samples, m)."""
         dt = float(run.t[1] - run.t[0])
-        columns = [s.of(run.ddq[:, 0], dt) for s in self.swings]
-        return np.hstack(columns) if columns else np.empty((len(run.t), 0))
+        return np.hstack([s.of(run.ddq[:, 0], dt) for s in self.swings])
 
     def hats(self, name: str, x: Array) -> Array:
         """Return the hat functions of a signal at some values, (n, knots)."""
@@ -200,13 +199,6 @@ class Basis:
             one = np.vstack([np.kron(curved("where"), fast), np.kron(where, curved("how fast"))])
             return np.asarray(linalg.block_diag(one, one))
         return np.zeros((0, count))
-
-
-def _knots(stroke: float, spacing: float) -> int:
-    """Return how many knots a stroke gets."""
-    if spacing <= 0.0:
-        return POSITION_KNOTS
-    return int(np.clip(stroke / spacing, LEAST_KNOTS, MOST_KNOTS))
 
 
 def signals(runs: Sequence[Simulation]) -> tuple[list[Array], ...]:
@@ -316,10 +308,7 @@ def unlike_smooth(before: Sequence[Fit], after: Sequence[Fit]) -> float:
 def smooth_rest(before: Sequence[Fit], after: Sequence[Fit]) -> float:
     """Return how much smooth laws of the state add to an effect's gain at most, as a share of it.
 
-    Parameters
-    ----------
-    before, after : sequence of Fit
-        Without and with the effect, on each fold.
+    Parameters as for `unlike_smooth`.
     """
 
     def added(b: Fit, a: Fit) -> float:
@@ -336,7 +325,7 @@ def _imitation(b: Fit) -> Columns:
     """Return what smooth laws of the state do to the error of a fit."""
     if b not in _IMITATIONS:
         run = b.denoised
-        _IMITATIONS[b] = Columns(b, b.fold.answers(Basis.of([run]).additive(run)))
+        _IMITATIONS[b] = Columns(b, b.fold.answers(Basis.of([run]).over(run, *STATE)))
     return _IMITATIONS[b]
 
 
@@ -362,7 +351,7 @@ def a_line(before: Sequence[Fit], after: Sequence[Fit], period: float) -> float:
         """Return what both laws do to one fold."""
         if (last := _BESIDE_LINES.get(b)) is not None and last[0] == knots:
             return last[1]
-        forces = [smooth.additive(run), *([bumps.over("q", run)] if finer else [])]
+        forces = [smooth.over(run, *STATE), *([bumps.over(run, "q")] if finer else [])]
         columns = Columns(b, *(b.fold.answers(F) for F in forces))
         _BESIDE_LINES[b] = knots, columns
         return columns

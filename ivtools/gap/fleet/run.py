@@ -243,11 +243,8 @@ def _lost(key: str, entry: Entry, sent: bytes, paged: bool, reason: str) -> tupl
 def _line(error: Exception) -> str:
     """Return an error in one line; one that is not the input's fault says its kind."""
     text = " ".join(str(error).split())
-    return (
-        text
-        if isinstance(error, IVToolsError)
-        else (f"internal error: {type(error).__name__}: {text}")
-    )
+    ours = isinstance(error, IVToolsError)
+    return text if ours else f"internal error: {type(error).__name__}: {text}"
 
 
 def _fewer(n_jobs: int, jobs: list[_Job]) -> int:

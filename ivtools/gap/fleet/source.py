@@ -79,9 +79,7 @@ class Source:
 
 
 def sources(
-    given: Iterable[Given],
-    log: RecordFormat | None = None,
-    data: str | Path | None = None,
+    given: Iterable[Given], log: RecordFormat | None = None, data: str | Path | None = None
 ) -> list[Source]:
     """Return the sources of records, each named once; a file that comes twice counts once.
 

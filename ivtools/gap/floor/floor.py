@@ -15,7 +15,7 @@ from scipy import fft, signal, stats
 
 from ...errors import EstimationError
 from ...limits import LARGEST
-from ...linalg import NoiseModel, fir, independent, swing
+from ...linalg import NoiseModel, fir, independent, rms, swing
 from ...loop import Simulation
 from ...physics import EFFECTS
 from .. import spatial_lines
@@ -248,7 +248,7 @@ def _without_slow_forces(x: Array, keep: Mask, dt: float, most: float) -> Array:
     for hz in SLOW_HZ:
         slow, both = (below(x * keep, top, dt) for top in (hz, 2.0 * hz))
         parts = (slow[keep], (both - slow)[keep])
-        size, next_octave = (float(np.sqrt(np.mean(part**2))) for part in parts)
+        size, next_octave = map(rms, parts)
         if size > max(most, next_octave):
             x = x - (1.0 - next_octave / size) * slow
     return x
@@ -274,9 +274,7 @@ def autoregression(x: Array, mask: Mask) -> Array:
     x = np.where(mask, x, 0.0)
     pairs = [float(mask[k:].astype(float) @ mask[: len(x) - k]) for k in range(NOISE_ORDER + 1)]
     r = np.array([x[k:] @ x[: len(x) - k] / max(n, 1.0) for k, n in enumerate(pairs)])
-    r *= np.exp(
-        -0.5 * (LAG_WINDOW * np.arange(NOISE_ORDER + 1)) ** 2
-    )  # keeps the polynomial stable
+    r *= np.exp(-0.5 * (LAG_WINDOW * np.arange(len(r))) ** 2)  # keeps the polynomial stable
     r[0] *= 1.0 + 1e-6
     if not r[0] > 0.0:
         return np.ones(1)
@@ -298,7 +296,7 @@ def _level(white: Array, keep: Mask, dt: float) -> float:
     energy, counts, width = windows(white**2, keep, dt)
     full = counts >= FULL * width
     if not full.any():
-        return float(np.sqrt(np.mean(white[keep] ** 2)))
+        return rms(white[keep])
     correction = (1.0 - 2.0 / (9.0 * width)) ** 3
     return float(np.sqrt(np.median(energy[full]) / correction))
 

@@ -133,11 +133,11 @@ def fitted(ready: Ready) -> Fitted:
         fold = fold.only(~stepped(record))
     free = [n for n, p in loop.parameters.items() if p.linear or "." in n]
     fit = gauss_newton(fold, loop, values, free)
-    left = fold.force_error(loop, fit.values)
+    left = fit.whole_error
     if not np.isfinite(left).all():  # what the model lacks has bent the start
         values = {**values, "inertia": rough_inertia(loop, record)}
         fit = gauss_newton(fold, loop, values, free)
-        left = fold.force_error(loop, fit.values)
+        left = fit.whole_error
     if not np.isfinite(left).all():
         raise EstimationError(
             f"the loop is unstable when simulated with what {record.name} shows (inertia "

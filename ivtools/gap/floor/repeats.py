@@ -8,15 +8,7 @@ from scipy import signal
 
 from ...record import Record
 from ..fit import Fit
-from ..rules import (
-    ANOTHER,
-    DEEPEST,
-    LEAST_PAIRS,
-    LEAST_PERIOD,
-    MOST_PERIODS,
-    NO_MOTION,
-    PERIODIC,
-)
+from ..rules import ANOTHER, DEEPEST, LEAST_PAIRS, LEAST_PERIOD, MOST_PERIODS, NO_MOTION, PERIODIC
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,17 +29,12 @@ def reference_period(record: Record) -> float | None:
     away = np.flatnonzero(mismatch > ANOTHER)
     if not len(away):
         return None
-    good = np.flatnonzero(mismatch[max(away[0], least) :] < PERIODIC)
-    return (
-        None
-        if not len(good)
-        else float(_deepest(mismatch, max(away[0], least) + good[0]) * record.dt)
-    )
-
-
-def _deepest(mismatch: Array, at: int) -> int:
-    stop = min(at + DEEPEST, len(mismatch))
-    return at + int(np.argmin(mismatch[at:stop]))
+    start = max(away[0], least)
+    good = np.flatnonzero(mismatch[start:] < PERIODIC)
+    if not len(good):
+        return None
+    at = start + good[0]
+    return float((at + int(np.argmin(mismatch[at : at + DEEPEST]))) * record.dt)
 
 
 def passes(raw: Array, keep: Mask, period: float | None, dt: float) -> float | None:
@@ -66,8 +53,7 @@ def between(one: Fit, two: Fit) -> float | None:
     a, b = one.fold, two.fold
     if not _same(a.record, b.record):
         return None
-    errors = [f.fold.force_error(f.loop, f.values) for f in (one, two)]
-    return _difference(errors[0], errors[1], a.keep & b.keep)
+    return _difference(one.whole_error, two.whole_error, a.keep & b.keep)
 
 
 def _same(one: Record, two: Record) -> bool:

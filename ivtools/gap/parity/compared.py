@@ -512,9 +512,7 @@ def relative(checked: Sequence[Parity], setting: str) -> bool:
     return bool(shown) and all(setting in (*p.mismatch, "added") for p in shown)
 
 
-def effects(
-    checked: tuple[Parity, ...],
-) -> tuple[list[str], dict[str, dict[str, float]]]:
+def effects(checked: tuple[Parity, ...]) -> tuple[list[str], dict[str, dict[str, float]]]:
     """Return what the controller itself shows, decided at parity level."""
     effects, values = [], {}
     limits = [p.limit for p in checked if p.limit is not None]

@@ -42,7 +42,7 @@ def best_delay(
         least = min(fit.cost for fit in fits)
         fits = [fit for fit in fits if fit.cost <= DELAY_TOLD * least]
     best = min(fits, key=lambda fit: fit.cost)
-    return _material(signals, controller, best), best.delay
+    return best.material, best.delay
 
 
 class _Gains:
@@ -57,16 +57,18 @@ class _Gains:
         self.x = np.zeros(len(self.names))
         self.rows = free.copy()
         self.rows[:PARITY_HEAD] = False
-        self.e = self._error(self.x)
+        self.e = self._error(self.values)
         self.columns = np.zeros((len(self.e), len(self.names)))
         self.ended = not self.names
 
-    def _error(self, x: Array) -> Array:
+    def _error(self, values: dict[str, float]) -> Array:
         """Return the parity error at these mismatches, (n_rows,)."""
-        values = dict(zip(self.names, x, strict=True))
-        added = values.pop("added", 0.0)
         law = self.controller.with_mismatch(**values)
-        return self.signals.error(law, self.delay, added)[self.rows]
+        return self.signals.error(law, self.delay, values.get("added", 0.0))[self.rows]
+
+    def _named(self, x: Array) -> dict[str, float]:
+        """Return mismatches by name."""
+        return dict(zip(self.names, x.tolist(), strict=True))
 
     @property
     def cost(self) -> float:
@@ -76,30 +78,48 @@ class _Gains:
     @property
     def values(self) -> dict[str, float]:
         """The mismatch."""
-        return dict(zip(self.names, self.x.tolist(), strict=True))
+        return self._named(self.x)
 
     @property
     def tvalues(self) -> dict[str, float]:
         """Block-robust t values."""
         t = np.abs(self.x) / np.maximum(_deviations(self.columns, self.e), 1e-300)
-        return dict(zip(self.names, t.tolist(), strict=True))
+        return self._named(t)
 
     def step(self) -> None:
         """Take a Gauss-Newton step, shortened until it leads down; end if it never does."""
         if self.ended:
             return
         least = [ADDED_LEAST if n == "added" else GAIN_RANGE[0] for n in self.names]
-        moved = [self._error(self.x + _MOVE * one) for one in np.eye(len(self.names))]
+        moved = [self._error(self._named(self.x + _MOVE * one)) for one in np.eye(len(self.names))]
         self.columns = np.column_stack([(e - self.e) / _MOVE for e in moved])
         move = np.linalg.lstsq(self.columns, self.e, rcond=1e-8)[0]
         before, self.ended = self.cost, True
         for factor in SHORTER:
             x = np.clip(self.x - factor * move, least, GAIN_RANGE[1])
-            e = self._error(x)
+            e = self._error(self._named(x))
             if float(e @ e) < before:
                 self.x, self.e = x, e
                 self.ended = self.cost > (1.0 - CONVERGED) * before
                 return
+
+    @property
+    def material(self) -> dict[str, float]:
+        """What of it is significant, worth a name, and explains the parity error."""
+        tvalues = self.tvalues
+        kept = {n: v for n, v in self.values.items() if abs(v) > GAIN_ERROR and tvalues[n] > GAIN_T}
+
+        def energy(values: dict[str, float]) -> float:
+            """Return the energy of the parity error that is left with these put right."""
+            return float(np.sum(self._error(values) ** 2))
+
+        if not kept or energy(kept) > (1.0 - GAIN_EXPLAINS) * energy({}):
+            return {}
+        for name in sorted(kept, key=lambda n: tvalues[n])[: len(kept) - 1]:
+            fewer = {n: v for n, v in kept.items() if n != name}
+            if energy(fewer) < GAIN_NEEDED * energy(kept):
+                kept = fewer
+        return kept
 
 
 def _deviations(columns: Array, e: Array) -> Array:
@@ -109,30 +129,6 @@ def _deviations(columns: Array, e: Array) -> Array:
     firsts = np.array([rows[0] for rows in parts if len(rows)], dtype=np.intp)
     meat = block_covariance(columns * e[:, np.newaxis], firsts)
     return np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0))
-
-
-def _material(
-    signals: Signals,
-    controller: Controller,
-    fit: _Gains,
-) -> dict[str, float]:
-    """Keep what is significant, worth a name, and explains the parity error."""
-    tvalues = fit.tvalues
-    kept = {n: v for n, v in fit.values.items() if abs(v) > GAIN_ERROR and tvalues[n] > GAIN_T}
-
-    def energy(values: dict[str, float]) -> float:
-        """Return the energy of the parity error that is left with these mismatches put right."""
-        changed = replace(corrected(controller, fit.delay, values, None), limit=np.inf)
-        error = signals.error(changed, fit.delay, values.get("added", 0.0))
-        return float(np.sum(error[fit.rows] ** 2))
-
-    if not kept or energy(kept) > (1.0 - GAIN_EXPLAINS) * energy({}):
-        return {}
-    for name in sorted(kept, key=lambda n: tvalues[n])[: len(kept) - 1]:
-        fewer = {n: v for n, v in kept.items() if n != name}
-        if energy(fewer) < GAIN_NEEDED * energy(kept):
-            kept = fewer
-    return kept
 
 
 def corrected(

@@ -12,13 +12,7 @@ from ...loop import ClosedLoop, Controller
 from ...loop.controllers import Seen, ahead
 from ...record import Record
 from .. import band
-from ..rules import (
-    AT_LIMIT,
-    LIMIT_SAMPLES,
-    ON_GRID,
-    PARITY_HEAD,
-    ROUNDING,
-)
+from ..rules import AT_LIMIT, LIMIT_SAMPLES, ON_GRID, PARITY_HEAD, ROUNDING
 
 Array = NDArray[np.float64]
 

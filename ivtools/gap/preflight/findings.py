@@ -74,7 +74,7 @@ def inspect(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
     makes the inertia wrong too, and saying so would only mislead.
     """
     found: list[Finding] = []
-    for look in (_reference, _at_limit, _law, _length, _direction, _mechanics):
+    for look in (_reference, _at_limit, _law, _short, _direction, _mechanics):
         found += look(record, loop, parity)
         if any(f.fatal for f in found):
             break
@@ -141,16 +141,12 @@ def _reference(record: Record, loop: ClosedLoop, parity: Parity | None = None) -
     ]
 
 
-def _length(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]:
-    return _short(record, loop)
-
-
 def too_short(record: Record, loop: ClosedLoop) -> list[Finding]:
     """Say that a record that follows its reference has too little motion to compare."""
     return [] if _reference(record, loop) else _short(record, loop)
 
 
-def _short(record: Record, loop: ClosedLoop) -> list[Finding]:
+def _short(record: Record, loop: ClosedLoop, parity: Parity | None = None) -> list[Finding]:
     samples = int(usable(record, loop).sum())
     kept, whole = samples * record.dt, record.n_samples * record.dt
     if kept < LEAST_TIME:

@@ -16,11 +16,7 @@ from numpy.typing import NDArray
 from ...loop import ClosedLoop
 from ...record import Record
 from ..band import below, motion_hz
-from ..rules import (
-    AGREES,
-    MOST,
-    SWING_EDGE,
-)
+from ..rules import AGREES, MOST, SWING_EDGE
 
 Array = NDArray[np.float64]
 

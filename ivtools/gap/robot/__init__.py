@@ -13,10 +13,4 @@ from .diagnosis import RobotDiagnosis
 from .joint import assumed
 from .joints import diagnose_robot, identified
 
-__all__ = [
-    "RobotDiagnosis",
-    "alone",
-    "assumed",
-    "diagnose_robot",
-    "identified",
-]
+__all__ = ["RobotDiagnosis", "alone", "assumed", "diagnose_robot", "identified"]

@@ -271,7 +271,7 @@ def _swung(stiff: Begun | Diagnosis, begun: Begun | Diagnosis) -> float:
         return float("nan")
     likelier, more = 0.0, 0.0
     for rigid, beside in zip(stiff.measured, begun.measured, strict=True):
-        errors = [m.fold.force_error(m.base.loop, m.base.values) for m in (rigid, beside)]
+        errors = [m.base.whole_error for m in (rigid, beside)]
         new = [_new(e, beside.fold.keep) for e in errors]
         likelier += float(np.log(new[0] / new[1]))
         e = beside.fold.white(errors[0])

@@ -9,11 +9,4 @@ from .against import against
 from .changes import Change, changes_table
 from .confirm import Confirmation, confirm, run
 
-__all__ = [
-    "Change",
-    "Confirmation",
-    "against",
-    "changes_table",
-    "confirm",
-    "run",
-]
+__all__ = ["Change", "Confirmation", "against", "changes_table", "confirm", "run"]

@@ -117,11 +117,7 @@ def _closed(found: Diagnosis) -> float:
 
 
 def _of_simulator(
-    found: Diagnosis,
-    pairs: list[Difference],
-    surplus: bool,
-    own: Collection[str],
-    rules: Rules,
+    found: Diagnosis, pairs: list[Difference], surplus: bool, own: Collection[str], rules: Rules
 ) -> Diagnosis:
     """Return a diagnosis that speaks of the simulator; `own` are the terms of the user's axis."""
     fit, stuck = settled(found, pairs[0], rules)

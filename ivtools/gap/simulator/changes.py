@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -46,14 +46,8 @@ class Change:
     def to_dict(self) -> dict[str, Any]:
         """Return the content as plain objects, ready for JSON."""
         known = bool(np.isfinite(self.std_error))
-        return {
-            "simulator": self.simulator,
-            "real": self.real,
-            "change": self.change,
-            "std_error": self.std_error if known else None,
-            "interval": list(self.interval) if known else None,
-            "unit": self.unit,
-        }
+        unknown = {} if known else {"std_error": None, "interval": None}
+        return {**asdict(self), "interval": list(self.interval), **unknown}
 
 
 def settled(found: Diagnosis, pair: Difference, rules: Rules) -> tuple[Fit | None, bool]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ...errors import IVToolsError
+from ...linalg import rms
 from ...loop import ClosedLoop
 from ...record import Record
 from ...simulators.protocol import Simulator, logged
@@ -82,7 +81,7 @@ def confirm(found: Diagnosis, simulator: Simulator, real: Record) -> Confirmatio
         """Return the rms of measured less simulated force where both can be compared."""
         n = min(log.n_samples, real.n_samples)
         force = found.loop.force(real)[:n] - found.loop.force(log)[:n]
-        return float(np.sqrt(np.mean(force[counts[:n]] ** 2)))
+        return rms(force[counts[:n]])
 
     counts = usable(real, found.loop)
     s, after, note = found.shrink, float("nan"), ""

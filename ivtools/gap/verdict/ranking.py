@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -45,13 +45,7 @@ class Ranked:
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the entry."""
-        return {
-            "effect": self.effect,
-            "closed": self.closed,
-            "p_value": self.p_value,
-            "held_out": self.held_out,
-            "replicates": self.replicates,
-        }
+        return asdict(self)
 
 
 def ranking(result: Attribution, rules: Rules, energy: float) -> tuple[Ranked, ...]:

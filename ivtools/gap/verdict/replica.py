@@ -136,7 +136,8 @@ def _fitted(
     term = next(t for t in loop.terms if t.name == effect)
     if term.search == "either" and len(pairs) > 1:  # each side may have taken another one
         pairs, units = _summed(pairs), {" + ".join(pairs): units[min(pairs)]}
-    sizes = [n for n in pairs if n.endswith(".amplitude") or _linear(loop, n)] or list(pairs)
+    linear = {n for n, p in loop.parameters.items() if p.linear}
+    sizes = [n for n in pairs if n.endswith(".amplitude") or n in linear] or list(pairs)
     x = np.array([pairs[n] for n in sizes]).reshape(-1, 2)
     known = bool(sizes) and made.keys() >= {*sizes}
     does = np.column_stack([made[n] for n in sizes]) @ x if known else _relative(x)
@@ -153,10 +154,6 @@ def _fitted(
         agree,
         resized,
     )
-
-
-def _linear(loop: ClosedLoop, name: str) -> bool:
-    return name in loop.parameters and bool(loop.parameters[name].linear)
 
 
 def _summed(pairs: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
