@@ -48,11 +48,15 @@ def attempt(
     begin = starts(fits, scores, left, place)
     if not all(begin):
         return None
-    first = _tried(fits, before, term, begin)
-    if cost(first.held) < ADEQUATE or not all(others := beside(fits, term, begin[0][0])):
-        return first
-    other = _tried(fits, before, term, others)
-    return min(first, other, key=lambda t: (not t.meant, cost(t.held)))
+    found = _tried(fits, before, term, begin)
+    if cost(found.held) >= ADEQUATE and all(others := beside(fits, term, begin[0][0])):
+        found = min(found, _tried(fits, before, term, others), key=_kept)
+    return _rough(found) if term.gaps else found
+
+
+def _kept(trial: Trial) -> tuple[bool, float]:
+    """Return what trials of an effect are compared by, the least first."""
+    return not trial.meant, cost(trial.held)
 
 
 def _tried(
@@ -64,11 +68,24 @@ def _tried(
     fold's way only, and the other one says then that it has gone too far.
     """
     new = tuple(threaded(lambda f, b: _extended(f, term, b), fits, begin))
-    first = _judged(new)
+    first = Trial(term, *_judged(new), before)
     if not any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True)):
-        return Trial(term, *first, before)
-    further = _judged(deeper(new, term))
-    return Trial(term, *min(first, further, key=lambda found: cost(found[1])), before)
+        return first
+    return min(first, Trial(term, *_judged(deeper(new, term)), before), key=lambda t: cost(t.held))
+
+
+def _rough(trial: Trial) -> Trial:
+    """Return a trial of a load that rattles, gone on with a simplex where it leaves something.
+
+    Contacts are rough: at the bottom of their valley slopes lead nowhere.
+    """
+    if cost(trial.held) < ADEQUATE or max(trial.explained) < 1.0 - VALLEY_DEPTH:
+        return trial
+    term = trial.term
+    new = tuple(
+        threaded(lambda f: f if f.cost < ADEQUATE else without_slopes(f, term.names), trial.fits)
+    )
+    return min(trial, Trial(term, *_judged(new), trial.before), key=_kept)
 
 
 def _judged(new: tuple[Fit, ...]) -> tuple[tuple[Fit, ...], tuple[Fit, ...]]:
@@ -100,7 +117,7 @@ def deeper(fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
     effect without valleys are there already. A nuisance, which the search chose of a few values, is
     fitted as well: what it should have been would be in all others. Contacts are rough: differences
     that are wide enough to look across what is rough lose sight of the bottom, so the last steps
-    take narrow ones, and where these leave something, a simplex goes on that asks for none.
+    take narrow ones.
     """
 
     def one(own: Fit, other: Fit) -> Fit:
@@ -110,9 +127,7 @@ def deeper(fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
         free = [*dict.fromkeys([*own.free, *loose])]
         both = (own.refit(None, start, free, VALLEY_STEPS) for start in (own.values, others))
         best = min(both, key=lambda f: f.cost)
-        best = best.refit(free=free, iterations=VALLEY_STEPS, narrow=term.names)
-        smooth = not term.gaps or best.cost < ADEQUATE
-        return best if smooth else without_slopes(best, term.names)
+        return best.refit(free=free, iterations=VALLEY_STEPS, narrow=term.names)
 
     return tuple(threaded(one, fits, fits[::-1])) if term.search == "valleys" else fits
 
