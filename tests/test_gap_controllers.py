@@ -80,6 +80,28 @@ def test_a_velocity_loop_needs_no_position_reference():
     assert found.effects == () and not [f.text for f in found.findings if f.fatal]
 
 
+@pytest.mark.parametrize("kind", ["cascade-pd", "pd", "pid", "p-pi", "state-space"])
+def test_a_weak_drive_is_named_where_dry_friction_is_most_of_the_force(kind):
+    """What could not move the axis at all would leave nothing of its force unexplained."""
+    hz, n, rng = 500.0, 5000, np.random.default_rng([11, len(kind)])
+    loop, theta, stroke = populations.axis(rng, "revolute")
+    law = populations.controller(rng, kind, theta["inertia"], hz)
+    loop = replace(loop, controller=populations.scaled(law, loop.gain))
+    asked = [populations.reference(rng, n, hz, stroke) for _ in range(2)]
+    faster = min(np.quantile(np.abs(np.diff(r.q_ref[:, 0], 2)), 0.98) for r in asked) * hz**2
+    theta["coulomb"] = 2.5 * theta["inertia"] * faster
+    limit = theta["coulomb"] + 0.6 * theta["inertia"] * faster + abs(theta["offset"])
+    weak = loop.with_effect("inner-saturation", force=limit)
+    records = []
+    for r in asked:
+        noise = 0.01 * theta["coulomb"] * rng.normal(size=n)
+        sim = weak.simulate(r, weak.values(theta), initial="rest", force_noise=noise)
+        records.append(r.replace(q=sim.q, nu=sim.nu))
+    found = iv.diagnose(records[0], loop, records[1])
+    assert found.effects == ("inner-saturation",)
+    assert found.parameters["inner-saturation"]["force"] == pytest.approx(limit, rel=0.01)
+
+
 @pytest.mark.parametrize("tighter, said", [(1.0, 0), (6.0, 1)])
 def test_a_velocity_loop_that_rings_is_held_to_the_motion_and_says_so(tighter, said):
     loop, record = played("p-velocity")

@@ -538,14 +538,25 @@ class Inverse:
         return dict(loop.values(found))
 
     def left(self, term: Term, point: Mapping[str, float]) -> float:
-        """Return the share of the force, less what an effect takes, that no motion explains."""
+        """Return the share of the force, less what an effect takes, that no acceleration explains.
+
+        Of what nothing else explains: a drive that delivered less than the dry friction would leave
+        nothing of any motion, and move nothing.
+        """
         y = self._force(term, point)
-        rest = y - self._basis @ (self._basis.T @ y)
-        return float(rest @ rest) / max(float(y @ y), 1e-300)
+        basis, weight = self._basis
+        rest = y - basis @ (basis.T @ y)
+        energy = float(rest @ rest)
+        rest = rest - weight * float(weight @ rest)
+        return float(rest @ rest) / energy if energy > DEPENDENT * float(y @ y) else 1.0
 
     @cached_property
-    def _basis(self) -> Array:
-        return orthonormal(self.problem.X)
+    def _basis(self) -> tuple[Array, Array]:
+        """What all but the inertia makes, orthonormal, and what the inertia makes beside it."""
+        own = np.array([name == "inertia" for name in self.problem.names])
+        others, weight = orthonormal(self.problem.X[:, ~own]), self.problem.X[:, own].sum(axis=1)
+        weight = weight - others @ (others.T @ weight)
+        return others, weight / max(float(np.linalg.norm(weight)), 1e-300)
 
     def _force(self, term: Term, point: Mapping[str, float]) -> Array:
         """Return the rows of the force less what an effect takes of it, N or N m."""
