@@ -12,7 +12,7 @@ from benchmarks.withheld.suites import Task
 from ivtools.gap.fold import usable
 from ivtools.gap.response import leaky
 from ivtools.gap.rules import TRANSIENT
-from ivtools.loop import Controller
+from ivtools.loop import ClosedLoop, Controller
 from ivtools.loop.axis_file import from_tables
 from ivtools.physics import Parameter, Term
 from ivtools.record import Record
@@ -335,6 +335,35 @@ def test_one_turn_of_an_encoder_need_come_once(turns, named, monkeypatch):
     assert gap.effects == ("encoder-eccentricity",) * named
     if named:
         assert gap.parameters["encoder-eccentricity"]["cosine"] == pytest.approx(0.02, rel=0.1)
+
+
+@pytest.mark.parametrize("away", [0.06, 0.09])
+def test_a_scale_far_off_its_shaft_has_harmonics_as_well(away, monkeypatch):
+    """It shows the angle at a point beside the centre; of its period one turn is known."""
+    monkeypatch.setattr(moves, "SPEEDS", (0.8, 6.0))
+    law, terms = Controller("cascade-pd", {"kp": 40.0, "kv": 15.0}), iv.axes.emps().names
+    loop = ClosedLoop(law, 1.0, tuple(terms), joint="revolute")
+    rng, records, dt, steps = np.random.default_rng(1), [], 1e-3, 20
+    h = dt / steps
+    for seed in (1, 2):
+        q_ref = moves.reference(np.random.default_rng(seed), SECONDS, (0.0, 2.8 * np.pi))
+        q, dq, last = float(q_ref[0]), 0.0, float(q_ref[0])
+        read, nu = np.empty((2, len(q_ref)))
+        for k, asked in enumerate(q_ref):
+            read[k] = q + np.arctan2(away * np.sin(q), 1.0 - away * np.cos(q))
+            last, speed = read[k], (read[k] - last) / dt * (k > 0)
+            nu[k] = 15.0 * (40.0 * (asked - read[k]) - speed)
+            force = nu[k] + 0.01 * rng.normal() - 0.1
+            for _ in range(steps):
+                free = dq + (force - 0.2 * dq) * h / 0.15
+                dq = np.sign(free) * max(abs(free) - 0.5 * h / 0.15, 0.0)  # dry friction
+                q += dq * h
+        t = dt * np.arange(len(q_ref))
+        records.append(Record(t, read, q_ref=q_ref, nu=nu, name=str(seed)))
+    gap = iv.diagnose(records[0], loop, records[1])
+    assert gap.effects == ("encoder-eccentricity",)
+    found = gap.parameters["encoder-eccentricity"]
+    assert found["period"] == 2.0 * np.pi and found["sine"] == pytest.approx(away, rel=0.1)
 
 
 def second(q, dq, ddq, sign, tau, t, size):

@@ -326,8 +326,9 @@ FAINT_LINE = 1e-3
 LINES_APART = 2
 #: Periods that a stroke must hold at least for a line (theory: it must come twice).
 LINE_PERIODS = 2.0
-#: How near the period of an encoder's line must come to one turn, of which the stroke need hold one
-#: only (physics: a shaft that is not in the middle of its scale; judgement).
+#: How near the period of an encoder's line must come to one turn, which then is it, and of which
+#: the stroke need hold one only (physics: a shaft that is not in the middle of its scale;
+#: judgement).
 TURN = 0.01
 #: Bins over a period of a line at least (numerics).
 LINE_BINS = 4
@@ -555,7 +556,9 @@ WORTH_A_FIT = 0.005
 #: looked for (training).
 ROUGH = 0.1
 #: An effect is dropped again if the model without it loses less than this share of what all effects
-#: remove; the last one if it loses less than this share of what that one removed (training).
+#: remove; the last one if it loses less than this share of what that one removed (training). Smooth
+#: laws that add less to one turn of an encoder say nothing against it (training: 0.017 to 0.043 of
+#: three whose second harmonic is 3 to 5 %).
 SUPERFLUOUS = 0.05
 #: Multiple of that loss: where the loss to first order is larger, the effect is kept, and no model
 #: without it is fitted, unless an earlier one is a valley (cost).

@@ -51,7 +51,8 @@ def attempt(
     found = _tried(fits, before, term, begin)
     if cost(found.held) >= ADEQUATE and all(others := beside(fits, term, begin[0][0])):
         found = min(found, _tried(fits, before, term, others), key=_kept)
-    return _rough(found) if term.gaps else found
+    promising = term.gaps and found.meant and cost(found.held) < left
+    return _rough(found) if promising else found
 
 
 def _kept(trial: Trial) -> tuple[bool, float]:
@@ -215,7 +216,7 @@ def _extended(fit: Fit, term: Term, begin: list[Point]) -> Fit:
     for values in begin:
         base = beginning(fit, term, values)
         loop = fit.loop.with_effect(term, **values)
-        free = [*fit.free, *_free(term, values)]
+        free = [*fit.free, *_free(term, values, fit.fold.scales.turns)]
         new = gauss_newton(fit.fold, loop, loop.values(base), free, near=near)
         if new.cost > fit.cost:  # the base parameters must give way first: begin without it
             plain = {**loop.values(fit.values), **{n: term.by_name[n].neutral for n in term.linear}}
@@ -227,8 +228,9 @@ def _extended(fit: Fit, term: Term, begin: list[Point]) -> Fit:
     return min(found, key=lambda f: f.cost)
 
 
-def _free(term: Term, values: Mapping[str, float]) -> list[str]:
+def _free(term: Term, values: Mapping[str, float], turns: Sequence[float]) -> list[str]:
     own = [p for p in term.parameters if not p.nuisance]
+    own = [p for p in own if not (p.turn and values[p.name] in turns)]  # of a shaft it is known
     if term.search == "valleys":  # what starts at zero stays there: a little is another motion
         own = [p for p in own if values[p.name] != 0.0]
     shaped = term.search == "scan" and term.law is not None

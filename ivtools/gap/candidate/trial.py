@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics import Term
+from ...physics import Parameter, Term
 from ..discrepancy import (
     Laws,
     a_line,
@@ -30,6 +30,7 @@ from ..rules import (
     LEADING,
     MOST,
     STANDARD_ERRORS,
+    SUPERFLUOUS,
     TURN,
     Rules,
 )
@@ -160,23 +161,52 @@ class Trial:
     def _beyond(self) -> bool:
         """Whether a parameter is smaller or larger than the effect's name allows on this axis.
 
+        Of two parameters of which either does it one is enough: the other may be nothing, or hardly
+        anything.
+        """
+        small = any if self.term.search != "either" else all
+        return any(
+            any(v > p.most for v, p in sized) or small(v < p.least for v, p in sized)
+            for sized in self._sized
+        )
+
+    @property
+    def yields(self) -> bool:
+        """Whether it is a second mass that is none: too light, or behind a gap that never opens.
+
+        Friction that yields is as good as one, with the friction on it.
+        """
+        few = any(v < p.least for sized in self._sized for v, p in sized)
+        return self.term.second_mass and few
+
+    @property
+    def _turns(self) -> bool:
+        """Whether it is one turn of an encoder."""
+        known = {t for fit in self.fits for t in fit.fold.scales.turns}
+        turns = [n for n, p in self.term.by_name.items() if p.turn]
+        return bool(turns) and all(f.values[n] in known for f in self.fits for n in turns)
+
+    @cached_property
+    def _sized(self) -> list[list[tuple[float, Parameter]]]:
+        """Parameters per natural size, on each fold, but for the known turn of an encoder.
+
         Sizes are those of the record where they are larger: a line comes twice in one of them; one
-        turn of an encoder need come once. Of two parameters of which either does it one is enough:
-        the other may be nothing, or hardly anything.
+        turn of an encoder need come once.
         """
         found = [fit.fold.scales.sizes for fit in self.fits]
         sizes = {k: max(size[k] for size in found) for k in found[0]}
-        pairs = self.term.by_name.items()
-        small = any if self.term.search != "either" else all
         turn = max((x for fit in self.fits for x in fit.fold.scales.turns), default=np.inf)
 
-        def beyond(fit: Fit) -> bool:
-            """Whether that holds of one fold."""
-            known = {n for n, p in pairs if p.turn and abs(fit.values[n] - turn) < TURN * turn}
-            sized = [(fit.values[n] / sizes[p.scale], p) for n, p in pairs if n not in known]
-            return any(v > p.most for v, p in sized) or small(v < p.least for v, p in sized)
+        def sized(fit: Fit) -> list[tuple[float, Parameter]]:
+            """Return those of one fold."""
+            pairs = [(fit.values[n], p) for n, p in self.term.by_name.items()]
+            return [
+                (v / sizes[p.scale], p)
+                for v, p in pairs
+                if not (p.turn and abs(v - turn) < TURN * turn)
+            ]
 
-        return any(map(beyond, self.fits))
+        return list(map(sized, self.fits))
 
     @cached_property
     def lowered(self) -> float:
@@ -212,14 +242,16 @@ class Trial:
 
         Most of what it and smooth laws remove together must be what only the line can: bumps look
         like one where they are many, and leave most of themselves. Of two or three periods a smooth
-        law has most, and does not add a thing where they are the line that they look like.
+        law has most, and does not add a thing where they are the line that they look like; to one
+        turn of an encoder, whose period is known, hardly a thing.
         """
         if self.term.search != "lines":
             return True
         if self.further or not all(t > STANDARD_ERRORS for t in self._over(friction_waves)):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
-        return self.unlike > MOST * (1.0 + rest) or rest < EXACT
+        exact = SUPERFLUOUS if self._turns else EXACT
+        return self.unlike > MOST * (1.0 + rest) or rest < exact
 
     @cached_property
     def further(self) -> bool:
