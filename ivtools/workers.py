@@ -13,7 +13,7 @@ from concurrent.futures import CancelledError, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from functools import cache
-from threading import Lock, Thread
+from threading import Event, Lock, Thread, local
 from time import perf_counter, sleep
 from types import ModuleType
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -300,6 +300,17 @@ def one_blas_thread() -> Iterator[None]:
 
 
 _SECOND = Lock()  # held while the second thread works
+_HELPING = local()  # in that thread: whether the first one has given up
+
+
+def still_wanted() -> None:
+    """Raise CancelledError in a thread that helps another one which has given up, else nothing.
+
+    Whoever is interrupted waits for the thread that helps: long work asks now and then.
+    """
+    given_up = getattr(_HELPING, "given_up", None)
+    if given_up is not None and given_up.is_set():
+        raise CancelledError
 
 
 def threaded(f: Callable[..., Result], *items: Iterable[Any]) -> list[Result]:
@@ -321,10 +332,11 @@ def threaded(f: Callable[..., Result], *items: Iterable[Any]) -> list[Result]:
     """
     tasks = list(zip(*items, strict=False))
     done: dict[int, Result] = {}
-    waiting = iter(range(len(tasks)))
+    waiting, given_up = iter(range(len(tasks))), Event()
 
     def help_out() -> None:
         """Do what is waiting, and be free again."""
+        _HELPING.given_up = given_up
         try:
             for k in waiting:
                 done[k] = f(*tasks[k])
@@ -335,9 +347,13 @@ def threaded(f: Callable[..., Result], *items: Iterable[Any]) -> list[Result]:
         helped = []
         try:
             for k in waiting:
+                still_wanted()
                 if k + 1 < len(tasks) and _SECOND.acquire(blocking=False):
                     helped.append(pool.submit(help_out))
                 done[k] = f(*tasks[k])
+        except BaseException:
+            given_up.set()
+            raise
         finally:
             for _ in waiting:  # what fails here ends there too
                 pass

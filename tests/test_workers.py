@@ -145,3 +145,24 @@ def test_what_fails_on_a_thread_fails_and_leaves_both_free(faulty):
         with pytest.raises(ValueError, match="^[017]$"):
             threaded(part, range(8))
     assert threaded(part, range(20, 28)) == list(range(20, 28))
+
+
+def test_what_helps_ends_early_where_it_is_not_wanted_any_more():
+    """Whoever is interrupted waits for it."""
+    begun, steps = threading.Event(), []
+
+    def step(k):
+        steps.append(k)
+        begun.set()
+        time.sleep(1e-3)
+
+    def work(k):
+        if k == 0:
+            assert begun.wait(60.0)
+            raise KeyboardInterrupt
+        threaded(step, range(20_000))
+
+    with pytest.raises(KeyboardInterrupt):
+        threaded(work, range(2))
+    assert 0 < len(steps) < 20_000
+    assert threaded(pow, [2, 3], [5, 2]) == [32, 9]  # and the next one is wanted

@@ -20,7 +20,7 @@ from ..loop import ClosedLoop, Simulation
 from ..physics import Term
 from ..problem import Problem
 from ..record import Record
-from ..workers import threaded
+from ..workers import still_wanted, threaded
 from .fold import Fold
 from .response import denoised
 from .rules import (
@@ -464,6 +464,7 @@ def without_slopes(fit: Fit, narrow: Collection[str] = ()) -> Fit:
 
     def left(x: Array) -> float:
         """Return the mean square of the whitened error."""
+        still_wanted()
         e = fold.error(fit.loop, heavy_enough(fold, fit.loop, values(x)))
         size = float(e @ e) / len(e)
         return size if np.isfinite(size) else np.inf

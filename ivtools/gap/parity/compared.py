@@ -299,6 +299,14 @@ def _others(record: Record, found: Parity) -> tuple[bool, bool]:
     return left < LAW_THERE * min(found.after, alone), left**2 < LAW_BETTER * found.after**2
 
 
+def _unexplained(record: Record, loop: ClosedLoop) -> float:
+    """Return the share of the command's energy that no law of a few samples explains: its noise."""
+    try:
+        return least(loop, record)[0] ** 2
+    except IVToolsError:
+        return 0.0
+
+
 def _checked(
     record: Record, loop: ClosedLoop, below: float | None = None
 ) -> tuple[Parity, Signals]:
@@ -331,7 +339,8 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     """Return how the law compares if its controller takes several samples for each of the log.
 
     It does if the law explains as much between the samples, with all its settings as declared, as
-    it does with others at the samples, or nearly; the log alone cannot have a filter beyond it.
+    it does with others at the samples, or nearly, or as any law of a few samples there; the log
+    alone cannot have a filter beyond it.
     """
     declared = loop.controller.delay
     whole = found.declared == loop.controller
@@ -343,7 +352,9 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     here = Signals(part, loop).below(found.below)
     stays = _left(here.error(limited.shown(part.dt), declared, 0.0))
     added = found.mismatch.get("added", 0.0)
-    left = 0.0 if alone else _left(here.error(found.loop.controller, found.delay, added))
+    left = _left(here.error(found.loop.controller, found.delay, added))
+    if alone:
+        left = 0.0 if found.below else _unexplained(part, loop) * _left(here.command)
     tried = {}
     for count in FASTER:
         fine = Signals(interpolated(part, count), loop).below(found.below)
@@ -352,7 +363,9 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
         tried[count] = _left(fine.error(limited, declared, 0.0), count)
     count = min(tried, key=lambda n: tried[n], default=0)
     most = LAW_ERROR**2 * _left(here.slow(here.command))
-    if not count or tried[count] > most or not _takes(stays, tried[count], left):
+    if not count or tried[count] > min(most, FASTER_EXPLAINS * stays):
+        return found
+    if not _takes(stays, tried[count], left):
         return found
     one = _at_rate(record, loop, count, found.below)
     late = abs(one.delay - declared) >= FASTER_LATE * count
