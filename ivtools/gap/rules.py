@@ -473,8 +473,9 @@ VALLEY_STEPS = 24
 NARROW = 0.1
 #: Share of the energy that a valley may leave to be worth following (training).
 VALLEY_DEPTH = 0.9
-#: Relative size of the first simplex at the bottom of one of a contact, and how many points it
-#: tries at most (training: of three gaps that left 2.3 to 64 times the noise two come down to it).
+#: Relative size of the first simplex at the bottom of one of a contact that leads, and how many
+#: points it tries at most (training: of three gaps that left 2.3 to 64 times the noise two come
+#: down to it; what the other fold does not bear out is not kept).
 SIMPLEX, SIMPLEX_TRIES = 0.02, 600
 #: Seconds of each fold that the search for a valley looks at (training: cost against success).
 VALLEY_TIME = 4.0
