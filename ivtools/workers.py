@@ -351,14 +351,14 @@ def threaded(f: Callable[..., Result], *items: Iterable[Any]) -> list[Result]:
                 if k + 1 < len(tasks) and _SECOND.acquire(blocking=False):
                     helped.append(pool.submit(help_out))
                 done[k] = f(*tasks[k])
+            for one in helped:  # what failed there fails here
+                one.result()
         except BaseException:
             given_up.set()
             raise
         finally:
             for _ in waiting:  # what fails here ends there too
                 pass
-        for one in helped:  # what failed there fails here
-            one.result()
     return [done[k] for k in range(len(tasks))]
 
 

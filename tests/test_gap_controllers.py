@@ -17,7 +17,7 @@ from ivtools.suitability import suitability
 pytestmark = pytest.mark.filterwarnings("ignore::ivtools.errors.RecordWarning")
 
 
-def played(kind, effect=None, seed=3, hz=500.0, n=8000, **changes):
+def played(kind, effect=None, seed=3, hz=500.0, n=8000, sensor=1e-6, **changes):
     """Return a declared loop without effect, and a record of the same with it."""
     rng = np.random.default_rng([seed, len(kind)])
     loop, theta, stroke = populations.axis(rng, ("prismatic", "revolute")[seed % 2])
@@ -33,7 +33,7 @@ def played(kind, effect=None, seed=3, hz=500.0, n=8000, **changes):
         record,
         theta,
         initial="rest",
-        position_noise=1e-6 * stroke * rng.normal(size=n),
+        position_noise=sensor * stroke * rng.normal(size=n),
         force_noise=0.03 * theta["coulomb"] * rng.normal(size=n),
     )
     return declared, record.replace(q=sim.q, nu=sim.nu)
@@ -122,6 +122,16 @@ def test_a_velocity_loop_has_the_phase_margin_of_its_own_rate():
     found = iv.diagnose(thinned, loop)
     assert preflight.rings(thinned, loop) and not preflight.rings(thinned, loop, 4)
     assert found.verdict == "adequate" and preflight.HELD not in found.findings
+
+
+def test_a_controller_is_told_to_be_faster_than_its_log_where_noise_is_most_of_what_it_leaves():
+    """No law of the samples that are logged leaves less than the noise does."""
+    loop, fine = played("pid", seed=7, hz=400.0, sensor=2e-5)
+    thinned = iv.Record(fine.t[::2], **{k: x[::2] for k, x in fine.signals.items()})
+    found = parity.check(thinned, loop, read=False)
+    assert (found.oversampling, found.mismatch) == (2, {})
+    slow = replace(loop, controller=loop.controller.with_mismatch(kp=0.2, kd=0.2))
+    assert parity.check(thinned, slow, read=False).mismatch  # wrong settings are wrong at any rate
 
 
 def test_a_feed_forward_that_nobody_declared_is_said():

@@ -265,6 +265,30 @@ def test_what_replicates_passes_where_it_is_worth_a_name():
         assert not candidate.Trial.passes(worse, Rules())
 
 
+@pytest.mark.parametrize(
+    ("shares", "t", "apart", "named"),
+    [
+        ((0.6, 0.6), 2.4, True, True),  # most of the gap, in few blocks
+        ((0.6, 0.6), 1.9, True, False),
+        ((0.6, 0.4), 2.4, True, False),
+        ((0.6, 0.4), 3.2, True, True),
+        ((0.6, 0.6), 2.4, False, False),  # a smooth law could have it
+        ((0.2, 0.2), 3.2, True, True),
+        ((0.2, 0.2), 3.2, False, False),
+    ],
+)
+def test_a_load_that_rattles_shows_in_few_blocks(shares, t, apart, named):
+    trial = SimpleNamespace(
+        term=EFFECTS["inner-saturation"],
+        shares=np.array(shares),
+        t=np.array([t, 50.0]),
+        sound=True,
+        lowered=0.1,
+        apart=apart,
+    )
+    assert candidate.Trial.passes(trial, Rules()) == named
+
+
 class Model:
     """A fit without an effect, where both records have been everywhere."""
 

@@ -147,22 +147,30 @@ def test_what_fails_on_a_thread_fails_and_leaves_both_free(faulty):
     assert threaded(part, range(20, 28)) == list(range(20, 28))
 
 
-def test_what_helps_ends_early_where_it_is_not_wanted_any_more():
-    """Whoever is interrupted waits for it."""
+@pytest.mark.parametrize("waits", [False, True])
+def test_what_helps_ends_early_where_it_is_not_wanted_any_more(waits):
+    """Whoever is interrupted waits for it, at work or with nothing left to do."""
     begun, steps = threading.Event(), []
 
     def step(k):
         steps.append(k)
         begun.set()
+        if waits and k == 20:
+            os.kill(os.getpid(), signal.SIGINT)
         time.sleep(1e-3)
 
     def work(k):
-        if k == 0:
-            assert begun.wait(60.0)
+        if k == 1:
+            threaded(step, range(20_000))
+        assert begun.wait(60.0)
+        if not waits:
             raise KeyboardInterrupt
-        threaded(step, range(20_000))
 
-    with pytest.raises(KeyboardInterrupt):
-        threaded(work, range(2))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            threaded(work, range(2))
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert 0 < len(steps) < 20_000
     assert threaded(pow, [2, 3], [5, 2]) == [32, 9]  # and the next one is wanted

@@ -539,10 +539,10 @@ class Inverse:
         return dict(loop.values(found))
 
     def left(self, term: Term, point: Mapping[str, float]) -> float:
-        """Return the share of the force, less what an effect takes, that no acceleration explains.
+        """Return the share that no acceleration explains of what the other terms leave of a force.
 
-        Of what nothing else explains: a drive that delivered less than the dry friction would leave
-        nothing of any motion, and move nothing.
+        Of the measured force, less what an effect takes; 1 where they leave nothing: a drive that
+        delivered less than the dry friction would leave nothing of any motion, and move nothing.
         """
         y = self._force(term, point)
         basis, weight = self._basis

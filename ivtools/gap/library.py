@@ -16,7 +16,7 @@ from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from ..physics.sizes import sizes
 from ..record import Record
-from .rules import ALONG, BEHIND, LINKED
+from .rules import ALONG, BEHIND, LINKED, TURN
 
 Array = NDArray[np.float64]
 
@@ -63,6 +63,10 @@ class Scales:
         whole = 2.0 * np.pi
         holds = self.loop.joint == "revolute" and self.sizes["stroke"] >= whole
         return (whole,) if holds else ()
+
+    def a_turn(self, period: float) -> bool:
+        """Whether a period, m or rad, is one turn of an encoder, or as near as nobody can tell."""
+        return any(abs(period - turn) < TURN * turn for turn in self.turns)
 
     def column(self, term: Term, index: int, shape: dict[str, float]) -> Array:
         """Return the force per unit of one linear parameter along the reference, (n_samples,)."""

@@ -123,7 +123,8 @@ def _shapes(
 ) -> list[dict[str, float]]:
     if term.search == "lines":
         turns = scales.turns if any(p.turn for p in term.parameters) else ()
-        return [{term.period: p} for p in (*lines[term.name], *turns)]
+        others = [p for p in lines[term.name] if not (turns and scales.a_turn(p))]
+        return [{term.period: p} for p in (*others, *turns)]
     if term.search == "either":
         return alternatives(term, scales)
     if term.by_inverse:  # a limit of the drive: how much of the force exceeds it

@@ -167,17 +167,11 @@ class Attribution:
 
     def proof(self, r: Round, trial: Trial) -> Evidence:
         """Return what speaks for one of the effects that were tried in a round."""
-        others = [
-            t for t in r.trials if t not in (trial, *self.twins(r)) and not self._same(t, trial)
-        ]
+        others = [t for t in r.trials if t not in (trial, *self.twins(r))]
         found = weigh(trial, others, self.base, self.full or self.held)
         if trial.name in self.certain:
             return replace(found, certain=True)
         return replace(found, surpassed=trial.name in self.surpassed)
-
-    def _same(self, other: Trial, trial: Trial) -> bool:
-        """Whether a second mass that is none changes what another effect does: it stands for it."""
-        return other.yields and trial.correlation(other) > self.rules.correlation
 
     @cached_property
     def pvalues(self) -> dict[str, float]:

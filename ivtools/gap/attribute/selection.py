@@ -321,5 +321,6 @@ def _without(fits: tuple[Fit, ...], name: str) -> tuple[Fit, ...]:
 
     found = tuple(threaded(one, fits))
     for term in found[0].loop.terms:
-        found = deeper(found, term)
+        ways = (found, deeper(found, term))
+        found = min(ways, key=lambda fits: cost(frozen(fits))) if term.gaps else ways[1]
     return found

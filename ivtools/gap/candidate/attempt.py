@@ -11,6 +11,7 @@ from ...physics import Term
 from ...workers import threaded
 from ..fit import Fit, common, cost, gauss_newton, steps, without_slopes
 from ..fold import Fold
+from ..library import Scales
 from ..rules import ADEQUATE, GOES_ON, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
 from ..screen import Score
 from .starts import Point, beginning, beside, starts
@@ -66,19 +67,22 @@ def _tried(
     """Return what comes of these starting values, per fold.
 
     No load rattles twice in the same way: a fit that goes on in its valley may come to know one
-    fold's way only, and the other one says then that it has gone too far.
+    fold's way only, and the other one says then that it has gone too far. Any other is better the
+    deeper it is, though what one fold does not show may lead the other astray.
     """
     new = tuple(threaded(lambda f, b: _extended(f, term, b), fits, begin))
-    first = Trial(term, *_judged(new), before)
-    if not any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True)):
-        return first
-    return min(first, Trial(term, *_judged(deeper(new, term)), before), key=lambda t: cost(t.held))
+    worth = any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True))
+    ways = [new] if term.gaps or not worth else []
+    if worth:
+        ways.append(deeper(new, term))
+    return min((Trial(term, *_judged(way), before) for way in ways), key=_kept)
 
 
 def _rough(trial: Trial) -> Trial:
-    """Return a trial of a load that rattles, gone on with a simplex where it leaves something.
+    """Return a trial of a load that rattles, gone on with a simplex where that may lead further.
 
-    Contacts are rough: at the bottom of their valley slopes lead nowhere.
+    Contacts are rough: at the bottom of their valley slopes lead nowhere. Where it leaves the floor
+    there is nothing to gain, nor where it explains next to nothing of either fold.
     """
     if cost(trial.held) < ADEQUATE or max(trial.explained) < 1.0 - VALLEY_DEPTH:
         return trial
@@ -216,7 +220,7 @@ def _extended(fit: Fit, term: Term, begin: list[Point]) -> Fit:
     for values in begin:
         base = beginning(fit, term, values)
         loop = fit.loop.with_effect(term, **values)
-        free = [*fit.free, *_free(term, values, fit.fold.scales.turns)]
+        free = [*fit.free, *_free(term, values, fit.fold.scales)]
         new = gauss_newton(fit.fold, loop, loop.values(base), free, near=near)
         if new.cost > fit.cost:  # the base parameters must give way first: begin without it
             plain = {**loop.values(fit.values), **{n: term.by_name[n].neutral for n in term.linear}}
@@ -228,9 +232,9 @@ def _extended(fit: Fit, term: Term, begin: list[Point]) -> Fit:
     return min(found, key=lambda f: f.cost)
 
 
-def _free(term: Term, values: Mapping[str, float], turns: Sequence[float]) -> list[str]:
+def _free(term: Term, values: Mapping[str, float], scales: Scales) -> list[str]:
     own = [p for p in term.parameters if not p.nuisance]
-    own = [p for p in own if not (p.turn and values[p.name] in turns)]  # of a shaft it is known
+    own = [p for p in own if not (p.turn and scales.a_turn(values[p.name]))]  # which is known
     if term.search == "valleys":  # what starts at zero stays there: a little is another motion
         own = [p for p in own if values[p.name] != 0.0]
     shaped = term.search == "scan" and term.law is not None

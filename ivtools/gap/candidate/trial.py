@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics import Parameter, Term
+from ...physics import Term
 from ..discrepancy import (
     Laws,
     a_line,
@@ -31,7 +31,6 @@ from ..rules import (
     MOST,
     STANDARD_ERRORS,
     SUPERFLUOUS,
-    TURN,
     Rules,
 )
 
@@ -161,52 +160,29 @@ class Trial:
     def _beyond(self) -> bool:
         """Whether a parameter is smaller or larger than the effect's name allows on this axis.
 
-        Of two parameters of which either does it one is enough: the other may be nothing, or hardly
+        Sizes are those of the record where they are larger: a line comes twice in one of them. Of
+        two parameters of which either does it one is enough: the other may be nothing, or hardly
         anything.
-        """
-        small = any if self.term.search != "either" else all
-        return any(
-            any(v > p.most for v, p in sized) or small(v < p.least for v, p in sized)
-            for sized in self._sized
-        )
-
-    @property
-    def yields(self) -> bool:
-        """Whether it is a second mass that is none: too light, or behind a gap that never opens.
-
-        Friction that yields is as good as one, with the friction on it.
-        """
-        few = any(v < p.least for sized in self._sized for v, p in sized)
-        return self.term.second_mass and few
-
-    @property
-    def _turns(self) -> bool:
-        """Whether it is one turn of an encoder."""
-        known = {t for fit in self.fits for t in fit.fold.scales.turns}
-        turns = [n for n, p in self.term.by_name.items() if p.turn]
-        return bool(turns) and all(f.values[n] in known for f in self.fits for n in turns)
-
-    @cached_property
-    def _sized(self) -> list[list[tuple[float, Parameter]]]:
-        """Parameters per natural size, on each fold, but for the known turn of an encoder.
-
-        Sizes are those of the record where they are larger: a line comes twice in one of them; one
-        turn of an encoder need come once.
         """
         found = [fit.fold.scales.sizes for fit in self.fits]
         sizes = {k: max(size[k] for size in found) for k in found[0]}
-        turn = max((x for fit in self.fits for x in fit.fold.scales.turns), default=np.inf)
+        pairs = [(n, p) for n, p in self.term.by_name.items() if not (p.turn and self._turns)]
+        small = any if self.term.search != "either" else all
 
-        def sized(fit: Fit) -> list[tuple[float, Parameter]]:
-            """Return those of one fold."""
-            pairs = [(fit.values[n], p) for n, p in self.term.by_name.items()]
-            return [
-                (v / sizes[p.scale], p)
-                for v, p in pairs
-                if not (p.turn and abs(v - turn) < TURN * turn)
-            ]
+        def beyond(fit: Fit) -> bool:
+            """Whether that holds of one fold."""
+            sized = [(fit.values[n] / sizes[p.scale], p) for n, p in pairs]
+            return any(v > p.most for v, p in sized) or small(v < p.least for v, p in sized)
 
-        return list(map(sized, self.fits))
+        return any(map(beyond, self.fits))
+
+    @cached_property
+    def _turns(self) -> bool:
+        """Whether it is one turn of an encoder, which need come once in one of the records."""
+        periods = [n for n, p in self.term.by_name.items() if p.turn]
+        scales = [fit.fold.scales for fit in self.fits]
+        turns = (any(s.a_turn(fit.values[n]) for s in scales) for fit in self.fits for n in periods)
+        return bool(periods) and all(turns)
 
     @cached_property
     def lowered(self) -> float:
@@ -284,10 +260,11 @@ class Trial:
     def passes(self, rules: Rules) -> bool:
         """Whether the effect replicates, and the force error is smaller for it by enough."""
         share = rules.share if self.term.everywhere else 0.0
-        shown = float(np.min(self.shares))
-        # few blocks show a load that rattles, or an effect that another one hides
-        few = DISCREPANCY_T if shown > LEADING or self.apart else rules.t
-        least = DOMINANT_T if shown > MOST and self.apart else few
+        shown, least = float(np.min(self.shares)), rules.t
+        if shown > LEADING or self.apart:  # few blocks show what another effect hides, or a rattle
+            least = DISCREPANCY_T
+        if shown > MOST and self.apart:
+            least = DOMINANT_T
         if np.min(self.t) < least or shown <= share:
             return False
         return self.lowered > rules.worth**2 and self.sound

@@ -20,6 +20,7 @@ from ..rules import (
     FASTER,
     FASTER_EXPLAINS,
     FASTER_LATE,
+    FASTER_LEAVES,
     GAIN_ERROR,
     GAIN_NEEDED,
     GROSS_GAIN,
@@ -299,11 +300,11 @@ def _others(record: Record, found: Parity) -> tuple[bool, bool]:
     return left < LAW_THERE * min(found.after, alone), left**2 < LAW_BETTER * found.after**2
 
 
-def _unexplained(record: Record, loop: ClosedLoop) -> float:
-    """Return the share of the command's energy that no law of a few samples explains: its noise."""
+def _noise_share(record: Record, loop: ClosedLoop) -> float:
+    """Return the share of the command's energy that no law of a few samples explains, if known."""
     try:
         return least(loop, record)[0] ** 2
-    except IVToolsError:
+    except IVToolsError:  # then all of it counts as told
         return 0.0
 
 
@@ -339,8 +340,9 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     """Return how the law compares if its controller takes several samples for each of the log.
 
     It does if the law explains as much between the samples, with all its settings as declared, as
-    it does with others at the samples, or nearly, or as any law of a few samples there; the log
-    alone cannot have a filter beyond it.
+    it does with others at the samples, or nearly. With none it must leave no more there than the
+    command's noise, which no law of a few samples explains either. The log alone cannot have a
+    filter beyond it.
     """
     declared = loop.controller.delay
     whole = found.declared == loop.controller
@@ -354,7 +356,7 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     added = found.mismatch.get("added", 0.0)
     left = _left(here.error(found.loop.controller, found.delay, added))
     if alone:
-        left = 0.0 if found.below else _unexplained(part, loop) * _left(here.command)
+        left = 0.0 if found.below else _noise_share(part, loop) * _left(here.command)
     tried = {}
     for count in FASTER:
         fine = Signals(interpolated(part, count), loop).below(found.below)
@@ -363,9 +365,9 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
         tried[count] = _left(fine.error(limited, declared, 0.0), count)
     count = min(tried, key=lambda n: tried[n], default=0)
     most = LAW_ERROR**2 * _left(here.slow(here.command))
-    if not count or tried[count] > min(most, FASTER_EXPLAINS * stays):
+    if not count or tried[count] > most or not _takes(stays, tried[count], left):
         return found
-    if not _takes(stays, tried[count], left):
+    if alone and tried[count] > FASTER_LEAVES * stays:
         return found
     one = _at_rate(record, loop, count, found.below)
     late = abs(one.delay - declared) >= FASTER_LATE * count
