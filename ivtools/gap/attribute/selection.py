@@ -306,7 +306,7 @@ def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:
 def _without(fits: tuple[Fit, ...], name: str) -> tuple[Fit, ...]:
     """Return the model without one of its effects, fitted to each fold from where it was.
 
-    In the valley of another one it goes on.
+    In the valley of another one it goes on: if that rattles, as far as the other fold bears it out.
     """
 
     def one(fit: Fit) -> Fit:

@@ -51,12 +51,13 @@ def attempt(
         return None
     found = _tried(fits, before, term, begin)
     if cost(found.held) >= ADEQUATE and all(others := beside(fits, term, begin[0][0])):
-        found = min(found, _tried(fits, before, term, others), key=_kept)
-    promising = term.gaps and found.meant and cost(found.held) < left
-    return _rough(found) if promising else found
+        found = min(found, _tried(fits, before, term, others), key=_order)
+    leads = found.meant and ADEQUATE <= cost(found.held) < left
+    worth = term.gaps and leads and max(found.explained) >= 1.0 - VALLEY_DEPTH
+    return _by_simplex(found) if worth else found
 
 
-def _kept(trial: Trial) -> tuple[bool, float]:
+def _order(trial: Trial) -> tuple[bool, float]:
     """Return what trials of an effect are compared by, the least first."""
     return not trial.meant, cost(trial.held)
 
@@ -75,25 +76,22 @@ def _tried(
     ways = [new] if term.gaps or not worth else []
     if worth:
         ways.append(deeper(new, term))
-    return min((Trial(term, *_judged(way), before) for way in ways), key=_kept)
+    return min((Trial(term, *_exchanged(way), before) for way in ways), key=_order)
 
 
-def _rough(trial: Trial) -> Trial:
-    """Return a trial of a load that rattles, gone on with a simplex where that may lead further.
+def _by_simplex(trial: Trial) -> Trial:
+    """Return a trial of a load that rattles, gone on with a simplex if the other fold agrees.
 
-    Contacts are rough: at the bottom of their valley slopes lead nowhere. Where it leaves the floor
-    there is nothing to gain, nor where it explains next to nothing of either fold.
+    Contacts are rough: at the bottom of their valley slopes lead nowhere.
     """
-    if cost(trial.held) < ADEQUATE or max(trial.explained) < 1.0 - VALLEY_DEPTH:
-        return trial
     term = trial.term
     new = tuple(
         threaded(lambda f: f if f.cost < ADEQUATE else without_slopes(f, term.names), trial.fits)
     )
-    return min(trial, Trial(term, *_judged(new), trial.before), key=_kept)
+    return min(trial, Trial(term, *_exchanged(new), trial.before), key=_order)
 
 
-def _judged(new: tuple[Fit, ...]) -> tuple[tuple[Fit, ...], tuple[Fit, ...]]:
+def _exchanged(new: tuple[Fit, ...]) -> tuple[tuple[Fit, ...], tuple[Fit, ...]]:
     """Return fits of both folds, and each fold with what the other one has.
 
     What one has of the other may in turn be better than what that has itself: then that is stuck.

@@ -166,7 +166,7 @@ class Trial:
         """
         found = [fit.fold.scales.sizes for fit in self.fits]
         sizes = {k: max(size[k] for size in found) for k in found[0]}
-        pairs = [(n, p) for n, p in self.term.by_name.items() if not (p.turn and self._turns)]
+        pairs = [(n, p) for n, p in self.term.by_name.items() if not (p.turn and self._one_turn)]
         small = any if self.term.search != "either" else all
 
         def beyond(fit: Fit) -> bool:
@@ -177,7 +177,7 @@ class Trial:
         return any(map(beyond, self.fits))
 
     @cached_property
-    def _turns(self) -> bool:
+    def _one_turn(self) -> bool:
         """Whether it is one turn of an encoder, which need come once in one of the records."""
         periods = [n for n, p in self.term.by_name.items() if p.turn]
         scales = [fit.fold.scales for fit in self.fits]
@@ -226,7 +226,7 @@ class Trial:
         if self.further or not all(t > STANDARD_ERRORS for t in self._over(friction_waves)):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
-        exact = SUPERFLUOUS if self._turns else EXACT
+        exact = SUPERFLUOUS if self._one_turn else EXACT
         return self.unlike > MOST * (1.0 + rest) or rest < exact
 
     @cached_property

@@ -122,7 +122,7 @@ def _measured(
     if now.loop.controller.kind != "none" and any(r.driven for r in ready):
         found.append(preflight.HELD)
     loop = preflight.identifiable(records, now.loop)
-    if ready[0].driven:  # pulled
+    if ready[0].driven:  # compared as it is pulled to its motion
         loop = replace(loop, controller=ready[0].loop.controller)
     every = tuple(threaded(measure, ready))
     return loop, (*_confirmed(loop, every[: len(records)]), *every[len(records) :])

@@ -353,9 +353,10 @@ def _between(record: Record, loop: ClosedLoop, found: Parity) -> Parity:
     part = record.liveliest(LAW_TOLD)
     here = Signals(part, loop).below(found.below)
     stays = _left(here.error(limited.shown(part.dt), declared, 0.0))
-    added = found.mismatch.get("added", 0.0)
-    left = _left(here.error(found.loop.controller, found.delay, added))
-    if alone:
+    if not alone:
+        added = found.mismatch.get("added", 0.0)
+        left = _left(here.error(found.loop.controller, found.delay, added))
+    else:
         left = 0.0 if found.below else _noise_share(part, loop) * _left(here.command)
     tried = {}
     for count in FASTER:

@@ -67,7 +67,7 @@ class _Gains:
         return self.signals.error(law, self.delay, values.get("added", 0.0))[self.rows]
 
     def _named(self, x: Array) -> dict[str, float]:
-        """Return mismatches by name."""
+        """Return one value per mismatch, by name."""
         return dict(zip(self.names, x.tolist(), strict=True))
 
     @property
