@@ -27,13 +27,12 @@ from .rules import (
     DITHER,
     DITHER_HZ,
     DITHER_LINES,
+    LITTLE,
     MOST,
-    NOISY,
     PACES,
-    REMARK,
     SLOWER,
+    SOME,
     SWEEPS,
-    TELLS_LEAST,
     WIDER,
 )
 
@@ -108,7 +107,7 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
     now, *found = threaded(lambda r: _distance(first, second, name, other, r), motions)
     better = dict(zip(EXCITATIONS, found, strict=True))
     text = max(better, key=lambda t: better[t])
-    if better[text] < max(BETTER_MOTION * now, TELLS_LEAST):
+    if better[text] < max(BETTER_MOTION * now, LITTLE):
         return (
             f"no motion that was tried tells {name} from {other} much better (here they have "
             f"{100 * (1 - now**2):.0f} % of what they do to the command in common); a still longer "
@@ -199,7 +198,7 @@ def remarks(
     for m, compared, held in zip(measured, result.base, result.held, strict=False):
         p, name = m.parity, m.fold.record.name
         beyond = 1.0 - compared.fold.common.n_kept / m.fold.n_kept
-        if held_out and not m.floor.isolated and beyond > REMARK:
+        if held_out and not m.floor.isolated and beyond > LITTLE:
             lines.append(
                 f"{name}: {100 * beyond:.0f} % of its samples are at positions or times that the "
                 "other record does not cover; effects of position or time are judged on the rest"
@@ -224,7 +223,7 @@ def remarks(
             what = "named effect" if result.named else "smooth law"
             lines.append(f"{name}: stretches far above the noise, which no {what} explains: {when}")
         noise = min(m.floor.noise, m.base.force_rms)  # a model of it is rough at its lowest hertz
-        if m.floor.between is None and noise > NOISY * m.force:
+        if m.floor.between is None and noise > SOME * m.force:
             lines.append(
                 f"{name}: {percent(noise / m.force)} of the force counts as noise, "
                 "for no law of the motion describes it; a force from outside would look the same: "

@@ -23,7 +23,7 @@ from .locate import Region
 from .parity import Parity, relative
 from .preflight import Finding
 from .quantify import Shrink, Traces
-from .rules import EXPLAINED, NOTHING_ALONE, TOLERANCE
+from .rules import LITTLE, NEARLY_ALL, TOLERANCE
 from .verdict import SCREENED, VERDICTS, Ranked, Replica, Setting
 
 if TYPE_CHECKING:
@@ -246,7 +246,7 @@ class Diagnosis(Displayed):
         said = VERDICTS[self.verdict]
         if self.verdict == "non-repeatable" and self.changed:
             said = f"between the records, {' and '.join(self.changed)} changed"
-        if self.verdict == "explained" and s.closed < EXPLAINED:
+        if self.verdict == "explained" and s.closed < NEARLY_ALL:
             left = f"{percent(s.remainder / s.force)} of the force"
             said = f"the named effects close the gap to {left} above the floor, which is negligible"
         if self.effects and not s.interval_frozen[0] <= s.before:
@@ -328,7 +328,7 @@ class Diagnosis(Displayed):
     def beside(self) -> tuple[str, ...]:
         """Named effects that close next to nothing by themselves."""
         alone = {r.effect: r.closed for r in self.ranking}
-        return tuple(e for e in self.effects if alone.get(e, 1.0) < NOTHING_ALONE)
+        return tuple(e for e in self.effects if alone.get(e, 1.0) < LITTLE)
 
     @property
     def later(self) -> tuple[str, ...]:

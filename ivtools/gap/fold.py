@@ -36,7 +36,6 @@ from .rules import (
     ONE_WAY,
     REST,
     STANDING,
-    STEPPED,
     TRANSIENT,
     UNDOUBTED,
 )
@@ -427,7 +426,7 @@ def stepped(record: Record) -> Mask:
     if record.added is None:
         return none
     change = np.abs(np.diff(record.added[:, 0], prepend=record.added[0, 0]))
-    at = change > STEPPED * np.max(change)
+    at = change > MOST * np.max(change)
     shows = signal.lfilter(np.ones(settling(record)), [1.0], at.astype(float)) > 0.5
     return shows if np.mean(shows) < MOST else none
 

@@ -16,7 +16,7 @@ from ..loop import ClosedLoop
 from ..physics import EFFECTS, Term
 from ..physics.sizes import sizes
 from ..record import Record
-from .rules import ALONG, BEHIND, LINKED, TURN
+from .rules import BEHIND, LINKED, NEARLY_ALL, TURN
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Scales:
         command, seen = self.loop.command(self.record)[:, 0], self.loop.controller.feedback
         columns = [self.record.extra[name] for name in seen if name in self.record.extra]
         moving = [c for c in columns if np.ptp(c) > 0.0]
-        return any(abs(np.corrcoef(c, command)[0, 1]) < ALONG for c in moving)
+        return any(abs(np.corrcoef(c, command)[0, 1]) < NEARLY_ALL for c in moving)
 
     @cached_property
     def sizes(self) -> dict[str, float]:

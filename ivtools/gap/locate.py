@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..physics import TERMS
 from ..record import Record
 from .fold import near
-from .rules import ACCELERATING, BANDS, FEW_EDGES, NEARBY
+from .rules import BANDS, LITTLE, NEARBY
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -67,7 +67,7 @@ def _masks(record: Record) -> dict[str, Mask]:
     width = max(round(NEARBY / dt), 1)
     sign = np.sign(dq)
     reversal = near(np.diff(sign, prepend=sign[0]) != 0, width)
-    accelerating = (np.abs(ddq) > ACCELERATING * np.max(np.abs(ddq))) & ~reversal
+    accelerating = (np.abs(ddq) > LITTLE * np.max(np.abs(ddq))) & ~reversal
     masks = {
         "reversal": reversal,
         "acceleration": accelerating,
@@ -84,7 +84,7 @@ def _masks(record: Record) -> dict[str, Mask]:
         )
     if record.added is not None and record.added.any():
         edge = np.abs(np.diff(record.added[:, 0], prepend=record.added[0, 0])) > 0.0
-        if edge.mean() < FEW_EDGES:
+        if edge.mean() < LITTLE:
             masks["pulse edges"] = near(edge, width)
     t = np.arange(len(q)) / len(q)
     for i in range(4):

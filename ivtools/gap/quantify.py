@@ -17,7 +17,7 @@ from .candidate import gone_on, phases
 from .fit import Fit, gauss_newton
 from .floor import Floor, Measured
 from .fold import Fold
-from .rules import ADEQUATE_NAMED, CLEAN, CONFIDENCE, CORRECTED, LEAST_BLOCKS, RETUNED
+from .rules import ADEQUATE, CLEAN, CONFIDENCE, HARDLY_ANY, LEAST_BLOCKS, RETUNED
 
 Array = NDArray[np.float64]
 
@@ -138,7 +138,7 @@ class Shrink:
     @property
     def put_right(self) -> bool:
         """Whether what was put right of the controller is worth a word."""
-        return self.corrected < CORRECTED * self.before
+        return self.corrected < (1.0 - HARDLY_ANY) * self.before
 
     @property
     def diverges(self) -> bool:
@@ -332,7 +332,7 @@ def _reachable(level: Floor, after: Fit) -> float:
     left = after.force_rms
     limit = min(level.level, left)
     return limit + (left - limit) * float(
-        np.clip((ADEQUATE_NAMED - after.cost) / (ADEQUATE_NAMED - CLEAN), 0.0, 1.0)
+        np.clip((ADEQUATE - after.cost) / (ADEQUATE - CLEAN), 0.0, 1.0)
     )
 
 

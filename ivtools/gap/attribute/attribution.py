@@ -11,7 +11,7 @@ import numpy as np
 from ..candidate import Trial
 from ..discrepancy import Laws
 from ..fit import Fit, common, cost, of_effect
-from ..rules import DISCREPANCY_T, LIKELY, SLIGHT, Rules
+from ..rules import DISCREPANCY_T, GOOD_PART, LIKELY, Rules
 from .evidence import Evidence, probability, weigh
 from .rounds import Round, pvalues
 
@@ -142,7 +142,7 @@ class Attribution:
         a name that falls must stand beside a force without one, which takes its place.
         """
         likely = [n for n, proof in self.evidence.items() if probability(proof) >= LIKELY]
-        least = SLIGHT * (cost(self.held) - 1.0)
+        least = GOOD_PART * (cost(self.held) - 1.0)
         slight = {n for n in likely[1:] if self.winners[n][1].removed < least}
         names = [*self.evidence]
         falls = [n for n in names if n in slight | self._empty or n not in likely]

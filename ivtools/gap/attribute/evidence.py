@@ -11,19 +11,18 @@ from ..candidate import Trial
 from ..discrepancy import Laws
 from ..fit import Fit, common, cost
 from ..rules import (
-    EXPLAINED,
+    GOOD_PART,
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     LIKELY,
+    LITTLE,
     MOST,
     MOST_LEFT,
-    RIVAL,
-    SURE_APART,
+    NEARLY_ALL,
     SUREST,
     UNEVEN,
     UNEVEN_LEAVES,
     UNEVEN_LEFT,
-    UNSHARED,
     WEIGHTS,
 )
 
@@ -83,7 +82,7 @@ class Evidence:
     @property
     def outdone(self) -> bool:
         """Whether an effect that cannot be named removes more, and much of the gap is left."""
-        return self.rival > 1.0 and self.explained < EXPLAINED
+        return self.rival > 1.0 and self.explained < NEARLY_ALL
 
     @property
     def uneven(self) -> bool:
@@ -94,14 +93,14 @@ class Evidence:
         most of it.
         """
         closed = 1.0 - np.sqrt(1.0 - min(self.share, 1.0))
-        told = self.certain or closed > EXPLAINED or (self.stands and self.share > MOST)
-        shared = not told and self.unlike < UNSHARED
+        told = self.certain or closed > NEARLY_ALL or (self.stands and self.share > MOST)
+        shared = not told and self.unlike < LITTLE
         return shared and self.evenness < UNEVEN and self.left > UNEVEN_LEAVES
 
     @property
     def unrivalled(self) -> bool:
         """Whether neither smooth laws nor other effects have anything of what it removes."""
-        return self.apart and self.rival < RIVAL and not self.surpassed
+        return self.apart and self.rival < GOOD_PART and not self.surpassed
 
     def to_dict(self) -> dict[str, float | bool]:
         """Return the JSON of the evidence."""
@@ -162,7 +161,7 @@ def probability(proof: Evidence) -> float:
     The weights come from withheld effects of other seeds than those of the published proof
     (benchmarks/withheld/weights.py); what was hidden there is in the library, so a probability
     holds as far as the cause is one of the known effects. An effect that another one outdoes, or
-    that is uneven, only resembles what is there; one without a rival is right with `SURE_APART` at
+    that is uneven, only resembles what is there; one without a rival is right with `NEARLY_ALL` at
     least, and none is surer than `SUREST`.
 
     Parameters
@@ -179,7 +178,7 @@ def probability(proof: Evidence) -> float:
     if proof.outdone or proof.uneven:
         return 0.0
     z = WEIGHTS["constant"] + sum(WEIGHTS[n] * x for n, x in features(proof).items())
-    least = SURE_APART if proof.unrivalled else 0.0
+    least = NEARLY_ALL if proof.unrivalled else 0.0
     return min(max(float(1.0 / (1.0 + np.exp(-z))), least), SUREST)
 
 

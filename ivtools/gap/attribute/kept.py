@@ -15,7 +15,7 @@ from ...workers import threaded
 from ..candidate import Trial
 from ..discrepancy import Laws, Spline, advantage, least_t, nothing
 from ..fit import Fit, cost
-from ..rules import CLEAN, DISCREPANCY_T, MOST, SEVERAL, SPARED, STANDARD_ERRORS, TIE, Rules
+from ..rules import CLEAN, DISCREPANCY_T, HARDLY_ANY, MOST, SEVERAL, SOME, STANDARD_ERRORS, Rules
 
 
 class Kept(NamedTuple):
@@ -80,7 +80,7 @@ def names_kept(
 
     def better(fewer: Spline, more: Spline) -> bool:
         """Whether fewer names predict better, and by more than equals differ."""
-        same = more.cost - fewer.cost <= TIE * (cost(models[0]) - fewer.cost)
+        same = more.cost - fewer.cost <= HARDLY_ANY * (cost(models[0]) - fewer.cost)
         return not same and _worth(models[0], fewer, more) < -STANDARD_ERRORS
 
     def tell(k: int) -> bool:
@@ -187,7 +187,7 @@ def _worth(base: tuple[Fit, ...], plain: Spline, both: Spline) -> float:
     worse: what needs several may be like anything, so it may be a little better and yet not what is
     there.
     """
-    most = SPARED * (cost(base) - plain.cost)
+    most = SOME * (cost(base) - plain.cost)
     if len(both.over) < len(plain.over) >= SEVERAL and both.cost - plain.cost <= most:
         return float("inf")
     return advantage(base, plain, both)

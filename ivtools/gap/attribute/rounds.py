@@ -23,16 +23,14 @@ from ..rules import (
     ALL_CLOSED,
     AT_FIRST,
     CLEAN,
+    DISCREPANCY_T,
     DRAWS,
-    EQUALLY,
+    GOOD_PART,
+    HARDLY_ANY,
+    LITTLE,
     MOST,
-    RIVAL,
-    ROUGH,
+    SOME,
     SWUNG,
-    TIE,
-    TWIN,
-    VALLEY_DEPTH,
-    WORTH_A_FIT,
     Rules,
 )
 from ..screen import Score, screen
@@ -82,7 +80,7 @@ class Round:
         sensed = next((t for t in self.qualified if t.name == self.sensed), None)
         if sensed is not None and sensed.gain >= (1.0 - self.rules.equivalence_open) * best.gain:
             return sensed
-        equal = [t for t in self.qualified if _equal(t, best, TIE)]
+        equal = [t for t in self.qualified if _equal(t, best)]
         order = [*EFFECTS, *(t.name for t in equal)]
         return min(equal, key=lambda t: (len(t.term.parameters), order.index(t.name)), default=best)
 
@@ -106,8 +104,7 @@ class Round:
         near = [t for t in self.trials if t is not best and t.gain >= least and t.sound]
         twins = [t for t in near if best.correlation(t) > rules.correlation]
         if clean:
-            least = rules.distinguishable
-            twins = [t for t in twins if best.advantage(t) < least or _equal(t, best, TWIN)]
+            twins = [t for t in twins if best.advantage(t) < DISCREPANCY_T or _equal(t, best)]
         return tuple(twins)
 
     def ending(self, trial: Trial) -> Round:
@@ -134,13 +131,13 @@ class Round:
         return {n for n, size in sizes.items() if size >= least}
 
 
-def _equal(trial: Trial, best: Trial, margin: float) -> bool:
+def _equal(trial: Trial, best: Trial) -> bool:
     """Whether an effect gains nearly as much as the best one, and leaves hardly more.
 
     Of a gap that is far above the noise the two leave what tells them apart.
     """
-    left = cost(trial.held) <= EQUALLY * cost(best.held)
-    return trial.gain >= (1.0 - margin) * best.gain and left
+    left = cost(trial.held) <= (1.0 + LITTLE) * cost(best.held)
+    return trial.gain >= (1.0 - HARDLY_ANY) * best.gain and left
 
 
 def play(
@@ -168,10 +165,10 @@ def play(
     sensed = next((t.name for t in terms if t.sensed and measured), "")
     tried = _Tries(fits, held, found, rules, removed, sensed, places).all()
     trials = tuple(t for t in tried.values() if t is not None)
-    vain = {n: (1.0 - VALLEY_DEPTH) * cost(held) for n, t in tried.items() if t is None}
+    vain = {n: SOME * cost(held) for n, t in tried.items() if t is None}
     named = [r.best.term for r in rounds if r.best is not None]
     similar = set().union(*(r.similar() for r in rounds))
-    least = rules.beside_similar * max(cost(base) - 1.0, 0.0)
+    least = LITTLE * max(cost(base) - 1.0, 0.0)
     alike = set()
     if any(t.of_speed for t in named):  # whose form is never quite the axis's
         alike = {t.name for t in terms if t.everywhere and not t.second_mass}
@@ -287,7 +284,7 @@ class _Tries:
             # first order does not see what takes the place of dry friction, where that is bent
             bent = (n for n, t in self.terms.items() if t.search == "scan" and t.replaces)
             self.fit(self.hopeful(bent))
-        rough = max(f.fold.rough for f in self.fits) > ROUGH
+        rough = max(f.fold.rough for f in self.fits) > SOME
         if rough and self.left > ADEQUATE and not self.closed(ALL_CLOSED):
             valleys = (n for n, t in self.terms.items() if t.search == "valleys")
             self.fit(self.hopeful(valleys))
@@ -299,12 +296,12 @@ class _Tries:
         # four sizes flatter a drift in the screening: it takes no other effect's place
         lasting = [n for n in gains if not self.terms[n].of_time]
         first = {*list(gains)[:refit], *lasting[:refit]}
-        chosen = [n for n in gains if n in first and gains[n] > WORTH_A_FIT]
+        chosen = [n for n in gains if n in first and gains[n] > HARDLY_ANY]
         chosen += [n for n in gains if n == self.sensed and n not in chosen]
         self.fit(chosen[:AT_FIRST])
         best = self.best
-        near = RIVAL * min([best, *(gains[t.name] for t in self.fitted if t.gain >= best > 0.0)])
-        self.fit([n for n in chosen[AT_FIRST:] if gains[n] > near or n == self.sensed])
+        least = min([best, *(gains[t.name] for t in self.fitted if t.gain >= best > 0.0)])
+        self.fit([n for n in chosen[AT_FIRST:] if gains[n] > GOOD_PART * least or n == self.sensed])
 
     def of_speed(self) -> None:
         """Fit all laws of the speed, where one leads: what else is there bends its form."""

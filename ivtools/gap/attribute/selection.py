@@ -20,7 +20,7 @@ from ..candidate import Trial, deeper, frozen
 from ..discrepancy import Laws
 from ..fit import Fit, common, cost, gauss_newton, normal
 from ..library import library
-from ..rules import CLEAN, LIKELY, MORE, MOST, PAIR_ROUNDS, SUPERFLUOUS, SURELY_NEEDED, Rules
+from ..rules import CLEAN, LIKELY, LITTLE, MOST, PAIR_ROUNDS, SURELY_NEEDED, Rules
 from .attribution import Attribution, Supposed
 from .evidence import evidence, left_by_smooth_laws, probability, weigh
 from .kept import names_kept
@@ -273,7 +273,7 @@ def _backward(
     valleys = {t.name for t in fits[0].loop.terms if t.search == "valleys"}
     named = found = [t.name for t in won]
     for k, name in enumerate(found if len(found) > 1 else []):
-        least = SUPERFLUOUS * (won[k].removed if name == found[-1] else cost(base) - cost(held))
+        least = LITTLE * (won[k].removed if name == found[-1] else cost(base) - cost(held))
         sure = min(_lost(f, name) for f in fits) > SURELY_NEEDED * least
         if sure and not valleys & {*found[:k]}:
             continue
@@ -300,7 +300,7 @@ def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:
 
     Much for the noise, or for what smooth laws leave.
     """
-    return cost(held) >= min(CLEAN, MORE * left_by_smooth_laws(base))
+    return cost(held) >= CLEAN * min(1.0, left_by_smooth_laws(base))
 
 
 def _without(fits: tuple[Fit, ...], name: str) -> tuple[Fit, ...]:

@@ -12,7 +12,7 @@ from ...workers import threaded
 from ..fit import Fit, common, cost, gauss_newton, steps, without_slopes
 from ..fold import Fold
 from ..library import Scales
-from ..rules import ADEQUATE, GOES_ON, RETUNED, VALLEY_DEPTH, VALLEY_STEPS
+from ..rules import ADEQUATE, GOES_ON, NEARLY_ALL, RETUNED, SOME, VALLEY_STEPS
 from ..screen import Score
 from .starts import Point, beginning, beside, starts
 from .trial import Trial
@@ -53,7 +53,7 @@ def attempt(
     if cost(found.held) >= ADEQUATE and all(others := beside(fits, term, begin[0][0])):
         found = min(found, _tried(fits, before, term, others), key=_order)
     leads = found.meant and ADEQUATE <= cost(found.held) < left
-    worth = term.gaps and leads and max(found.explained) >= 1.0 - VALLEY_DEPTH
+    worth = term.gaps and leads and max(found.explained) >= SOME
     return _by_simplex(found) if worth else found
 
 
@@ -72,7 +72,7 @@ def _tried(
     deeper it is, though what one fold does not show may lead the other astray.
     """
     new = tuple(threaded(lambda f, b: _extended(f, term, b), fits, begin))
-    worth = any(n.cost < VALLEY_DEPTH * f.cost for n, f in zip(new, fits, strict=True))
+    worth = any(n.cost < NEARLY_ALL * f.cost for n, f in zip(new, fits, strict=True))
     ways = [new] if term.gaps or not worth else []
     if worth:
         ways.append(deeper(new, term))

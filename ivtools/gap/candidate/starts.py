@@ -23,15 +23,15 @@ from ..rules import (
     DELIVERED_POINTS,
     FIRST_CROWD,
     GENERATIONS,
+    GOOD_PART,
     HOPELESS,
     LARGE,
     LEAST_CROWD,
     MOST,
     MUTATION,
+    NEARLY_ALL,
     RECOMBINATION,
     SECOND_CROWD,
-    SHALLOW,
-    VALLEY_DEPTH,
     VALLEY_SAMPLES,
     VALLEY_TIME,
 )
@@ -140,7 +140,7 @@ def _deepest(
     more, less = (fits[k].fold.scales for k in (order[0], order[-1]))
     found = [_evolved(costs, plain, b, FIRST_CROWD) for b in Box.of(term, less)]
     least = min(found, key=_cheapest)[0]
-    if left > LARGE and least > SHALLOW * plain:
+    if left > LARGE and least > GOOD_PART * plain:
         # a valley may lie between few points, and they in a shallow one
         denser = [b for b in Box.of(term, more) if _power(b, SECOND_CROWD) > LEAST_CROWD]
         found += [_evolved(costs, plain, b, SECOND_CROWD) for b in denser]
@@ -169,7 +169,7 @@ def beside(fits: Sequence[Fit], term: Term, first: Point) -> tuple[list[Point], 
     if term.search != "valleys" or term.by_inverse:
         return ([],) * len(fits)
     rigid = [_cost(f, term) for f in fits]
-    if sum(c(first) for c in rigid) > VALLEY_DEPTH * sum(c(None) for c in rigid):
+    if sum(c(first) for c in rigid) > NEARLY_ALL * sum(c(None) for c in rigid):
         return ([],) * len(fits)
 
     def tuned(fit: Fit) -> Fit:

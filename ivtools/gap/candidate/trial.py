@@ -23,14 +23,14 @@ from ..fit import Fit, common, cost, costs
 from ..fold import Fold, better_t
 from ..rules import (
     AGREES,
-    APART,
     DISCREPANCY_T,
     DOMINANT_T,
-    EXACT,
-    LEADING,
+    GOOD_PART,
+    HARDLY_ANY,
+    LITTLE,
     MOST,
+    NEARLY_ALL,
     STANDARD_ERRORS,
-    SUPERFLUOUS,
     Rules,
 )
 
@@ -201,7 +201,7 @@ class Trial:
     @cached_property
     def apart(self) -> bool:
         """Whether it is the motion of a second mass, of which no smooth law could have most."""
-        return self.term.second_mass and self.unlike > APART
+        return self.term.second_mass and self.unlike > NEARLY_ALL
 
     def stands(self, laws: Laws | None) -> bool:
         """Whether it is as large beside a force without a name as by itself.
@@ -226,7 +226,7 @@ class Trial:
         if self.further or not all(t > STANDARD_ERRORS for t in self._over(friction_waves)):
             return False
         rest = max(smooth_rest(self.before, self.held), 0.0)
-        exact = SUPERFLUOUS if self._one_turn else EXACT
+        exact = LITTLE if self._one_turn else HARDLY_ANY
         return self.unlike > MOST * (1.0 + rest) or rest < exact
 
     @cached_property
@@ -261,7 +261,7 @@ class Trial:
         """Whether the effect replicates, and the force error is smaller for it by enough."""
         share = rules.share if self.term.everywhere else 0.0
         shown, least = float(np.min(self.shares)), rules.t
-        if shown > LEADING or self.apart:  # few blocks show what another effect hides, or a rattle
+        if shown > GOOD_PART or self.apart:  # few blocks show what others hide, or a rattle
             least = DISCREPANCY_T
         if shown > MOST and self.apart:
             least = DOMINANT_T

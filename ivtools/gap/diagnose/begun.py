@@ -17,7 +17,7 @@ from ..fit import Fit, common, cost
 from ..floor import Measured, Ready, audible, beside_silent, masked, measure, prepared
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import AUDIBLE, FAINT, PARITY_POOR, SATURATED, TOLERANCE, Rules
+from ..rules import HARDLY_ANY, MOST, PARITY_POOR, SATURATED, TOLERANCE, Rules
 from .input import Input, bounded, readied
 from .refused import refused
 from .task import Inspected, Say, Task, mute
@@ -143,7 +143,7 @@ def _begun(
         rules = replace(rules, most=0)  # the gap tells nothing of the axis
     fine = min(task.tolerance, TOLERANCE)  # above the default it changes the words only
     rules = replace(rules, worth=rules.worth * fine / TOLERANCE)
-    least = AUDIBLE * fine / 100.0
+    least = MOST * fine / 100.0
     strangers: tuple[Finding, ...] = ()
     if count == 2:
         strangers = tuple(preflight.same_axis([m.base for m in measured]))
@@ -215,7 +215,7 @@ def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measur
     kept = []
     for m in measured:
         p = m.parity
-        least = m.base.force_rms**2 + 2.0 * FAINT * m.floor.noise**2
+        least = m.base.force_rms**2 + HARDLY_ANY * m.floor.noise**2
         corrected = (p.mismatch or p.taken) and not m.driven
         shown = p.loop.controller
         given = replace(loop, controller=replace(loop.controller, limit=shown.limit))

@@ -19,7 +19,7 @@ from ..fit import Fit, common, cost
 from ..floor import Measured, come_again, masked
 from ..fold import Fold
 from ..preflight import Finding
-from ..rules import AT_CONTROLLER, CLEAN, RANKED, REPEATS
+from ..rules import AT_CONTROLLER, CLEAN, GOOD_PART
 from .begun import Begun
 from .named import named
 from .refused import refused
@@ -80,7 +80,7 @@ def _answer(begun: Begun, result: Attribution, fold: Fold, swung: float) -> Diag
         ),
         regions=locate.regions(traces.record, traces.keep, traces.before, traces.after),
         shrink=judged.shrink,
-        ranking=verdict.ranking(result, begun.rules, max(before, RANKED) - 1.0),
+        ranking=verdict.ranking(result, begun.rules, max(before, CLEAN) - 1.0),
         advice=(*advice.motions(result), *advice.remarks(measured, result, held_out, given)),
         findings=(*begun.found, *outcome.said, *remark),
         parity=checked,
@@ -126,7 +126,7 @@ def _judged(begun: Begun, outcome: _Outcome, fold: Fold) -> _Judged:
     if left is not None and measured[-1].floor.between is None:
         shrink = shrink.reaching(left.after / max(left.before, 1e-300))
     repeats = 0.0 if left is None else left.gain * after / max(after - 1.0, 1e-9)
-    bent = repeats >= REPEATS and not shrink.slight(task.tolerance)
+    bent = repeats >= GOOD_PART and not shrink.slight(task.tolerance)
     changed = {} if bent else verdict.changes(result, task.tolerance)
     word = verdict.decide(
         outcome.effects, measured, result, shrink, changed, repeats, task.tolerance

@@ -19,7 +19,7 @@ from ..floor import Measured, folds
 from ..fold import Fold
 from ..library import library
 from ..preflight import Finding
-from ..rules import ADEQUATE, FAINT, LARGE, LEADING
+from ..rules import ADEQUATE, GOOD_PART, HARDLY_ANY, LARGE
 from .begun import Begun
 
 
@@ -98,7 +98,7 @@ def _ways(begun: Begun, both: Attribution, k: int) -> Iterator[_Way]:
     silent = other.base.cost < ADEQUATE
     if one.base.cost < LARGE or not (silent or begun.eventful):
         return
-    if any(t.term.second_mass and t.explained[k] > LEADING for t in both.trials):
+    if any(t.term.second_mass and t.explained[k] > GOOD_PART for t in both.trials):
         terms = library(begun.loop, tuple(begun.task.extra))
         others = tuple(t.name for t in terms if not t.second_mass)
         why = "nothing replicates between the records"
@@ -134,7 +134,7 @@ def _limits(loop: ClosedLoop, one: Measured) -> bool:
     """Whether what was put right of the controller lowers the force error of a record."""
     fold = one.fold.at_limit_too
     right, given = replace(one.base, fold=fold), quantify.declared(loop, one, fold)
-    return right.force_rms < (1.0 - FAINT) * given.force_rms
+    return right.force_rms < (1.0 - HARDLY_ANY) * given.force_rms
 
 
 def _hidden(other: Measured, result: Attribution) -> bool:

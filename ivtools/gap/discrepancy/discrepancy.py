@@ -12,7 +12,7 @@ from ...linalg import rms
 from ...loop import Simulation
 from ...units import JOINTS, plain_number, prefixed, quantity
 from ..fit import Fit, normal
-from ..rules import DISCREPANCY_SIZE, POSITION_KNOTS
+from ..rules import POSITION_KNOTS, SOME
 from .laws import Laws, Spline
 from .smooth import Basis, signals
 
@@ -167,7 +167,7 @@ def describe(
     beyond = [_beyond(x, f, r) for x, f, r in zip(forces, fits, laws.runs, strict=True)]
     counts = [x[f.fold.keep] for x, f in zip(beyond, fits, strict=True)]
     whole, there = map(rms, (np.concatenate(counts), counts[-1]))
-    if whole < DISCREPANCY_SIZE * min(f.force_rms for f in fits):
+    if whole < SOME * min(f.force_rms for f in fits):
         return None
     unit = JOINTS[fits[0].loop.joint].force
     period, curve = _curve(laws.basis, found, laws.runs, beyond)

@@ -32,13 +32,11 @@ from ..rules import (
     COOLING,
     DISCREPANCY_T,
     DOMINANT_T,
-    EVEN,
-    EXPLAINED,
+    LITTLE,
     MOST,
-    NEARLY_ALL_T,
+    NEARLY_ALL,
     PENALTIES,
-    SPARED,
-    UNSHARED,
+    STANDARD_ERRORS,
 )
 from .smooth import OF_USE, Basis, Columns
 
@@ -192,7 +190,7 @@ class Spline:
     @property
     def of_place(self) -> bool:
         """Whether it is friction over the position, whatever its curve, and little else."""
-        return self.over[:1] == ("q",) and self.first >= 1.0 - SPARED and self.even() < EVEN
+        return self.over[:1] == ("q",) and self.first >= NEARLY_ALL and self.even() < LITTLE
 
     @property
     def of_use(self) -> bool:
@@ -255,7 +253,7 @@ def stands(before: Sequence[Fit], held: Sequence[Fit], laws: Laws | None) -> boo
     """
     found = beside_law(before, held, laws)
     return bool(found) and all(
-        own > UNSHARED and 1.0 / AGREES <= size <= AGREES for own, size in found
+        own > LITTLE and 1.0 / AGREES <= size <= AGREES for own, size in found
     )
 
 
@@ -381,7 +379,7 @@ class _Search:
     def _tells(self, now: Spline, then: Spline) -> bool:
         """Whether a further signal predicts held-out data significantly better."""
         more = then.gain - now.gain
-        least = NEARLY_ALL_T if more >= EXPLAINED else least_t(more)
+        least = STANDARD_ERRORS if more >= NEARLY_ALL else least_t(more)
         return better_t(self.folds, now.left, then.left) >= least
 
     def ahead(self, now: Spline) -> Iterator[Spline]:

@@ -13,7 +13,7 @@ from ..rules import (
     LASTING,
     LASTING_EVENT,
     LEAST_WINDOW,
-    OUTLYING,
+    LITTLE,
     WINDOW,
 )
 
@@ -92,7 +92,7 @@ def _energy(
     """
     values, counts = _cut(white**2, keep, dt, seconds)
     width = values.shape[1]
-    rest = width - max(round(OUTLYING * width), 1)
+    rest = width - max(round(LITTLE * width), 1)
     small = np.partition(values, rest, axis=1)[:, :rest]
     return small.sum(axis=1) / np.maximum(counts + rest - width, 1), counts, width
 

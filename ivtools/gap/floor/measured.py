@@ -18,7 +18,7 @@ from ..fit import Fit, Inverse, gauss_newton
 from ..fold import Fold, Link, stepped, usable
 from ..library import Scales
 from ..parity import Parity
-from ..rules import ADEQUATE, AGAIN, BEYOND, COMMON, MOST, PARITY_POOR, STRETCHES
+from ..rules import ADEQUATE, AGAIN, LITTLE, MOST, PARITY_POOR, SOME, STRETCHES
 from . import floor
 from .floor import Floor
 
@@ -208,7 +208,7 @@ def masked(m: Measured) -> Measured:
 def beside(m: Measured, other: Measured) -> Measured:
     """Return a record that knows where the other one has been, and which times it has seen."""
     inside = _seen(m, other)
-    if not COMMON < float(np.mean(inside[m.fold.keep])) < 1.0:
+    if not SOME < float(np.mean(inside[m.fold.keep])) < 1.0:
         return m
     return replace(m, base=replace(m.base, fold=replace(m.fold, both=inside)))
 
@@ -218,7 +218,7 @@ def _seen(m: Measured, other: Measured) -> NDArray[np.bool_]:
     inside = np.ones(m.fold.record.n_samples, dtype=bool)
     for signal in (lambda r: r.q[:, 0], lambda r: r.t - r.t[0]):
         here, seen = (signal(x.fold.record) for x in (m, other))
-        margin = BEYOND * float(np.ptp(seen))
+        margin = LITTLE * float(np.ptp(seen))
         inside &= (here >= np.min(seen) - margin) & (here <= np.max(seen) + margin)
     return inside
 

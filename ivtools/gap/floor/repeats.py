@@ -8,7 +8,7 @@ from scipy import signal
 
 from ...record import Record
 from ..fit import Fit
-from ..rules import ANOTHER, DEEPEST, LEAST_PAIRS, LEAST_PERIOD, MOST_PERIODS, NO_MOTION, PERIODIC
+from ..rules import DEEPEST, LEAST_PAIRS, LEAST_PERIOD, MOST_PERIODS, NO_MOTION, PERIODIC, SOME
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,7 +26,7 @@ def reference_period(record: Record) -> float | None:
     lags = np.arange(n // 2 + 1)
     energy = total[n - 1 - lags] + total[-1] - np.concatenate([[0.0], total[: n // 2]])
     mismatch = 1.0 - 2.0 * product / np.maximum(energy, 1e-300)
-    away = np.flatnonzero(mismatch > ANOTHER)
+    away = np.flatnonzero(mismatch > SOME)
     if not len(away):
         return None
     start = max(away[0], least)

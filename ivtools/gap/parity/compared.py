@@ -24,17 +24,14 @@ from ..rules import (
     GAIN_ERROR,
     GAIN_NEEDED,
     GROSS_GAIN,
-    LAW_BETTER,
+    HARDLY_ANY,
     LAW_ERROR,
-    LAW_R2,
-    LAW_THERE,
     LAW_TOLD,
-    LIMIT_RIGHT,
-    NOISY_GAIN,
-    ONE_PLACE,
+    LITTLE,
+    MOST,
+    NEARLY_ALL,
     PARITY_HEAD,
     PARITY_POOR,
-    REFERENCE_BETTER,
     ROUNDING,
 )
 from .gains import best_delay, corrected
@@ -179,7 +176,7 @@ def _explain_more(found: Sequence[Parity], other: Sequence[Parity]) -> bool:
     )
     limited = any(p.limit is not None for p in found)  # of which the declared law knows nothing
     no_worse = put_right < GAIN_NEEDED and (limited or declared < 1.0)
-    return no_worse and min(declared, put_right) < REFERENCE_BETTER
+    return no_worse and min(declared, put_right) < MOST**0.5
 
 
 def check(record: Record, loop: ClosedLoop, read: bool = True, oversampling: int = 0) -> Parity:
@@ -265,7 +262,7 @@ def _compared(record: Record, loop: ClosedLoop, read: bool, oversampling: int) -
     shown = replace(loop, controller=loop.controller.shown(record.dt))
     found, signals = _checked(record, shown)
     found = found if oversampling else _between(record, loop, found)
-    limited = found.limit is not None and found.after**2 < LIMIT_RIGHT  # behind it it is right
+    limited = found.limit is not None and found.after**2 < HARDLY_ANY  # behind it it is right
     known = not read or limited or not doubted(record, found)
     return found if known else _read(found, signals, record, shown)
 
@@ -297,7 +294,7 @@ def _others(record: Record, found: Parity) -> tuple[bool, bool]:
         left, alone = least(found.loop, record.liveliest(LAW_TOLD))
     except IVToolsError:
         return False, True
-    return left < LAW_THERE * min(found.after, alone), left**2 < LAW_BETTER * found.after**2
+    return left < LITTLE * min(found.after, alone), left**2 < MOST * found.after**2
 
 
 def _noise_share(record: Record, loop: ClosedLoop) -> float:
@@ -406,7 +403,7 @@ def _once(error: Array, t: Array) -> float | None:
     energy = np.append(0.0, np.cumsum(error[PARITY_HEAD:] ** 2))
     k = int(np.argmax(np.abs(error[PARITY_HEAD:])))
     near = energy[min(k + PARITY_HEAD, len(energy) - 1)] - energy[max(k - PARITY_HEAD, 0)]
-    return float(t[PARITY_HEAD + k]) if near > ONE_PLACE * energy[-1] else None
+    return float(t[PARITY_HEAD + k]) if near > 1.0 - HARDLY_ANY * energy[-1] else None
 
 
 def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> Parity:
@@ -417,8 +414,8 @@ def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> 
         return found
     law, after, clipped = _limited(fit.controller, found, signals, loop)
     left = 1.0 - fit.r2 if fit.low_pass else after**2
-    better = left < LAW_BETTER * found.after**2
-    if not better or fit.r2 < LAW_R2:
+    better = left < MOST * found.after**2
+    if not better or fit.r2 < NEARLY_ALL:
         return replace(found, read=fit)
     same = law.kind == loop.controller.kind
     mismatch = _differences(loop.controller, law, fit) if same else {}
@@ -452,7 +449,7 @@ def _limited(
 
 def _differences(declared: Controller, law: Controller, fit: ControllerFit) -> dict[str, float]:
     """Return relative errors of the settings that two laws of a kind have in common."""
-    least = NOISY_GAIN if fit.low_pass else GAIN_ERROR
+    least = LITTLE if fit.low_pass else GAIN_ERROR
     pairs = {
         k: (float(declared.full[k]), float(law.full[k]))
         for k in declared.mismatches
@@ -496,7 +493,7 @@ def at_limit(
         tried.append((given, other, found))
     best = min(tried, key=left, default=declared)
     limited = any(p.clipped for p in best[2])
-    return best if limited and left(best) < LAW_BETTER * left(declared) else declared
+    return best if limited and left(best) < MOST * left(declared) else declared
 
 
 def _summed(record: Record, delay: int) -> Record:

@@ -19,11 +19,11 @@ from ..rules import (
     GAIN_NEEDED,
     GAIN_RANGE,
     GAIN_STEPS,
-    GAIN_T,
     MAX_DELAY,
     PARITY_BLOCKS,
     PARITY_HEAD,
     SHORTER,
+    SURE_T,
 )
 from .signals import Signals
 
@@ -107,7 +107,7 @@ class _Gains:
     def material(self) -> dict[str, float]:
         """What of it is significant, worth a name, and explains the parity error."""
         tvalues = self.tvalues
-        kept = {n: v for n, v in self.values.items() if abs(v) > GAIN_ERROR and tvalues[n] > GAIN_T}
+        kept = {n: v for n, v in self.values.items() if abs(v) > GAIN_ERROR and tvalues[n] > SURE_T}
 
         def energy(values: dict[str, float]) -> float:
             """Return the energy of the parity error that is left with these put right."""

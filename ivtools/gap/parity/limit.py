@@ -13,14 +13,13 @@ from ..rules import (
     CUT,
     CUT_SHARE,
     FLAT,
-    FLATTER,
-    LIMIT_LEAVES,
     LIMIT_SAMPLES,
+    LITTLE,
     NEAR_TOP,
-    OVER_LIMIT,
+    NEARLY_ALL,
     PARITY_HEAD,
     ROUGHEST,
-    SITS,
+    SOME,
 )
 from .signals import Signals, least_at
 
@@ -58,7 +57,7 @@ def _top(own: Array, step: float) -> tuple[float, float]:
     """
     largest = float(np.max(own))
     least = AT_TOP * largest
-    sits = np.median(own[own >= least]) >= least + SITS * (largest - least)
+    sits = np.median(own[own >= least]) >= least + NEARLY_ALL * (largest - least)
     return largest, least_at(own, largest, AT_TOP, step) if sits else np.inf
 
 
@@ -76,7 +75,7 @@ def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float,
         return largest, np.inf
     level, noise = float(np.median(own[cut])), stats.median_abs_deviation(own[cut])
     spread = stats.median_abs_deviation(np.abs(law[cut]))
-    flat = FLAT * noise < ROUGHEST * level and noise < FLATTER * spread
+    flat = FLAT * noise < ROUGHEST * level and noise < SOME * spread
     return level, min(level - FLAT * noise, AT_TOP * level) if flat else np.inf
 
 
@@ -97,9 +96,9 @@ def _explains(signals: Signals, controller: Controller, law: Array, cut: NDArray
     noise = float(np.mean(left[cut] ** 2)) * len(own)
     limited = float(left[PARITY_HEAD:] @ left[PARITY_HEAD:]) - noise
     free = signals.limited(np.inf, np.inf).error(controller, controller.delay, 0.0)[PARITY_HEAD:]
-    return limited < LIMIT_LEAVES * min(float(free @ free), float(own @ own))
+    return limited < LITTLE * min(float(free @ free), float(own @ own))
 
 
 def beyond(command: Array, limit: float) -> bool:
     """Whether a command, (n_samples, ...), exceeds what it is said to be limited to."""
-    return int(np.sum(np.abs(command) > OVER_LIMIT * limit)) >= LIMIT_SAMPLES
+    return int(np.sum(np.abs(command) > (1.0 + LITTLE) * limit)) >= LIMIT_SAMPLES

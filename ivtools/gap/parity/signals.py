@@ -12,7 +12,7 @@ from ...loop import ClosedLoop, Controller
 from ...loop.controllers import Seen, ahead
 from ...record import Record
 from .. import band
-from ..rules import AT_LIMIT, LIMIT_SAMPLES, ON_GRID, PARITY_HEAD, ROUNDING
+from ..rules import AT_LIMIT, LIMIT_SAMPLES, LITTLE, PARITY_HEAD, ROUNDING
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ def grid(x: Array) -> float:
         return 0.0
     step = float(np.min(apart))
     steps = (x - x[0]) / step
-    return step if np.max(np.abs(steps - np.round(steps))) < ON_GRID else 0.0
+    return step if np.max(np.abs(steps - np.round(steps))) < LITTLE else 0.0
 
 
 class Signals:

@@ -25,7 +25,6 @@ from ..fold import usable
 from ..parity import SUMMED, Parity, beyond
 from ..rules import (
     ABSURD,
-    ALONG,
     FOLLOWS,
     GAIN_ERROR,
     GROSS_GAIN,
@@ -33,17 +32,15 @@ from ..rules import (
     LEAST_TIME,
     LOOK_WIDTH,
     LOOKS,
-    LOST,
     MOST,
+    NEARLY_ALL,
     NO_MOTION,
     ONE_WAY,
-    OPEN_LOOP,
     OTHER_VALUE,
-    OVERLAP,
     PARITY_POOR,
     SAME_AXIS,
-    SAME_RECORD,
     SATURATED,
+    SOME,
     WRONG_UNIT,
 )
 from .plausible import looks_like, wrong_unit
@@ -126,15 +123,15 @@ def _reference(record: Record, loop: ClosedLoop, parity: Parity | None = None) -
             )
         ]
     along = float(np.corrcoef(record.q[:, 0], record.q_ref[:, 0])[0, 1])
-    if along < -ALONG:
+    if along < -NEARLY_ALL:
         return [Finding("q moves against its reference; check the signs of q and q_ref")]
     unit = JOINTS[loop.joint].length
     # a soft loop against a strong spring
-    weak = along > ALONG and parity is not None and parity.after < PARITY_POOR
+    weak = along > NEARLY_ALL and parity is not None and parity.after < PARITY_POOR
     if FOLLOWS[0] < done / asked < FOLLOWS[1] or weak:
         return []
     factor, signal = (asked / done, "q") if done > asked else (done / asked, "q_ref")
-    remedy = looks_like(factor, loop.joint, signal) if along > ALONG else ""
+    remedy = looks_like(factor, loop.joint, signal) if along > NEARLY_ALL else ""
     remedy = remedy or "was the axis blocked or not enabled?"
     return [
         Finding(f"q moves {done:.3g} {unit} where its reference moves {asked:.3g} {unit}; {remedy}")
@@ -222,7 +219,7 @@ def _at_limit(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding]
             stated = f"the axis file says {limit:.4g}"
         text = f"the command is cut at {parity.limit:.4g} {share}, {stated}"
         remedy = "put it in [controller] limit, use gentler references"
-        return [Finding(f"{text}; {remedy}", parity.clipped > OPEN_LOOP)]
+        return [Finding(f"{text}; {remedy}", parity.clipped > NEARLY_ALL)]
     text = f"the command sits at its limit {share}; the loop is open there"
     return [Finding(f"{text}: use gentler references")]
 
@@ -339,10 +336,10 @@ def _mechanics(record: Record, loop: ClosedLoop, parity: Parity) -> list[Finding
 def overlap(record: Record, other: Record, role: str = "hold-out") -> list[Finding]:
     """Return what a hold-out, or a judge, has in common with a record that it should not."""
     share, said = _shared(record, other), f"the {role} {other.name}"
-    if share > SAME_RECORD:
+    if share > NEARLY_ALL:
         text = f"{said} holds the same samples as {record.name}"
         return [Finding(f"{text}; give another record of the axis, or none")]
-    if share > OVERLAP:
+    if share > SOME:
         text = f"{said} shares {100 * share:.0f} % of its samples with {record.name}"
         return [Finding(f"{text}; give a record that was not fitted to")]
     return []
@@ -377,7 +374,7 @@ def same_axis(bases: Sequence[Fit]) -> list[Finding]:
 def _astray(records: Sequence[Record]) -> list[Finding]:
     """Return what to say of axes that do not follow: they do not show their inertia."""
     off = {r.name: _off(r) for r in records}
-    said = [f"{name} by {100.0 * x:.0f} % of its motion" for name, x in off.items() if x > LOST]
+    said = [f"{name} by {100.0 * x:.0f} % of its motion" for name, x in off.items() if x > MOST]
     if not said:
         return []
     return [

@@ -30,14 +30,13 @@ from ..rules import (
     GAIN_NEEDED,
     IMPLIED,
     LATENESS,
-    LAW_BETTER,
     LAW_ERROR,
-    LAW_THERE,
     LEAST_RESPONSE,
+    LITTLE,
     MISPLACED,
+    MOST,
     PARITY_HEAD,
     PARITY_POOR,
-    REFERENCE_BETTER,
     ROUGHNESS,
     ROUND,
     ROUNDING,
@@ -64,7 +63,7 @@ def finer(record: Record, loop: ClosedLoop) -> tuple[Record, list[Finding]]:
         return record, []
     other = record.replace(q_ref=smoothed(record.q_ref[:, 0], step))
     before, after = (_checked(r, loop) for r in (record, other))
-    if before is None or after is None or not after.after < REFERENCE_BETTER * before.after:
+    if before is None or after is None or not after.after < MOST**0.5 * before.after:
         return record, []
     told = _told(record.q_ref[:, 0], step, other, after)
     which = "a smooth one" if told is None else "the one that the commands tell"
@@ -259,7 +258,7 @@ def lateness(record: Record, loop: ClosedLoop, checked: Parity) -> Moved | None:
     tried = {}
     for samples in LATENESS if poor else LATENESS[:1] if ahead else ():
         tried[samples] = one = Moved.by(samples, record, loop)
-        better = one.checked.after < LAW_BETTER * checked.after
+        better = one.checked.after < MOST * checked.after
         if better and one.checked.delay == loop.controller.delay:
             return one
     late = checked.delay - loop.controller.delay
@@ -284,9 +283,9 @@ def misplaced(record: Record, loop: ClosedLoop, checked: Parity, known: int = 0)
         return signals.share(signals.error(law, law.delay, 0.0))
 
     samples = known or min(MISPLACED, key=left)
-    much = GAIN_NEEDED if known else 1.0 / GAIN_NEEDED if checked.mismatch else LAW_BETTER**0.5
+    much = GAIN_NEEDED if known else 1.0 / GAIN_NEEDED if checked.mismatch else MOST**0.5
     if parity.another(record, checked):  # there is a law that explains all, as logged or so
-        much = LAW_THERE
+        much = LITTLE
     most = min(much * checked.after, LAW_ERROR)
     if not left(samples) < GAIN_NEEDED * most:  # with no setting changed it will not be less
         return None

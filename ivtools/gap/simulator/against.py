@@ -14,7 +14,7 @@ from ...record import Record
 from ...simulators.difference import SWINGS, Difference, as_simulated, brought, difference
 from ...units import quantity
 from ..diagnosis import Diagnosis
-from ..rules import ADEQUATE, ALL_CLOSED, SAME_LOG, SECOND_ORDER, Rules
+from ..rules import ADEQUATE, ALL_CLOSED, LITTLE, SAME_LOG, Rules
 from .changes import changes, settled, twins
 
 Diagnose = Callable[..., Diagnosis]
@@ -70,7 +70,7 @@ def against(
         return _of_simulator(best, shown, surplus, own, rules)
     if found.effects:
         plain = diagnose(*_records(lacking), loop, named=False)
-        slight = plain.shrink and plain.shrink.gap < SECOND_ORDER * _parted(lacking[-1], loop)
+        slight = plain.shrink and plain.shrink.gap < LITTLE * _parted(lacking[-1], loop)
         found = replace(plain, verdict="adequate") if slight else plain
     return _of_simulator(found, lacking, False, own, rules)
 
@@ -92,7 +92,7 @@ def _worth(found: Diagnosis) -> tuple[float, int, float]:
 
 def _material(found: Diagnosis, pairs: list[Difference], surplus: bool, loop: ClosedLoop) -> bool:
     """Whether named effects explain more than the second order of the difference of two logs."""
-    return bool(found.effects) and _explains(found) >= SECOND_ORDER * _parted(pairs[-1], loop)
+    return bool(found.effects) and _explains(found) >= LITTLE * _parted(pairs[-1], loop)
 
 
 def _records(pairs: list[Difference]) -> tuple[Record, Record | None]:

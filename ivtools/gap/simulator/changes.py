@@ -16,7 +16,7 @@ from ..diagnosis import Diagnosis
 from ..fit import Fit, gauss_newton
 from ..fold import better_t
 from ..library import library
-from ..rules import ADEQUATE, CHANGED_T, CONFIDENCE, STICKS, TIE, TRADING, Rules
+from ..rules import ADEQUATE, CONFIDENCE, DISCREPANCY_T, HARDLY_ANY, STICKS, SURE_T, TRADING, Rules
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def _kept(fit: Fit, base: Mapping[str, float], rules: Rules) -> Fit:
     scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     size, turn = np.linalg.eigh((J / scale).T @ (J / scale))
     moved = turn.T @ (scale * np.array([fit.values[n] - base[n] for n in free]))
-    still = moved**2 * np.maximum(size, 0.0) < CHANGED_T**2 * fit.cost
+    still = moved**2 * np.maximum(size, 0.0) < SURE_T**2 * fit.cost
     trades = size < size[-1] * np.where(still, *TRADING)
     if not trades.any():
         return fit
@@ -129,7 +129,7 @@ def _kept(fit: Fit, base: Mapping[str, float], rules: Rules) -> Fit:
 
 def _as_good(one: Fit, other: Fit, rules: Rules) -> bool:
     """Whether a fit leaves as much as another one, as far as their record tells."""
-    return better_t([other.fold], [one.e], [other.e]) < rules.distinguishable
+    return better_t([other.fold], [one.e], [other.e]) < DISCREPANCY_T
 
 
 def _tuned(fit: Fit, values: Mapping[str, float], without: Collection[str] = ()) -> Fit:
@@ -199,7 +199,7 @@ def twins(fit: Fit, pair: Difference, rules: Rules) -> dict[str, dict[str, dict[
             continue
         begin = {n: v for n, v in base.items() if n in fit.values}  # offset and cosine are one
         frozen = _tuned(fit, begin, without=term.names)
-        if (frozen.cost - fit.cost) * len(fit.e) < CHANGED_T**2:
+        if (frozen.cost - fit.cost) * len(fit.e) < SURE_T**2:
             continue  # it does not change
         found[term.name] = {
             other.name: values
@@ -217,7 +217,7 @@ def _as_well(fit: Fit, frozen: Fit, term: Term, rules: Rules) -> dict[str, float
     other = gauss_newton(frozen.fold, loop, values, free)
     gain = (frozen.cost - other.cost) / (frozen.cost - fit.cost)
     near = gain > 1.0 - rules.equivalence and _as_good(other, fit, rules)
-    same = gain > 1.0 - TIE and other.cost < ADEQUATE * fit.cost
+    same = gain > 1.0 - HARDLY_ANY and other.cost < ADEQUATE * fit.cost
     return {n: other.values[n] for n in term.names} if near or same else None
 
 

@@ -17,17 +17,16 @@ from ..preflight import Finding
 from ..quantify import Shrink
 from ..rules import (
     ADEQUATE,
-    CHANGED_BY,
-    CHANGED_T,
-    EXPLAINED,
-    FAINT,
-    HEARD,
+    GOOD_PART,
+    HARDLY_ANY,
+    LITTLE,
     MOST,
+    NEARLY_ALL,
     OTHER_VALUE,
     OVER_FLOOR,
-    REPEATS,
     SHORT,
     STEADY,
+    SURE_T,
     UNSEEN,
 )
 
@@ -106,8 +105,8 @@ def changes(result: Attribution, tolerance: float) -> dict[str, Setting]:
         a, b = one.values[name], two.values[name]
         t = abs(a - b) / max(np.hypot(one.deviation([name]), two.deviation([name])), 1e-300)
         p = one.loop.parameters[name]
-        size = 0.5 * abs(a + b) if p.lower >= 0.0 else tolerance / 100.0 * force / CHANGED_BY
-        large = t > CHANGED_T and abs(a - b) > CHANGED_BY * size
+        size = 0.5 * abs(a + b) if p.lower >= 0.0 else tolerance / 100.0 * force / LITTLE
+        large = t > SURE_T and abs(a - b) > LITTLE * size
         if large and _needed(one, name, b) and _needed(two, name, a):
             sure = min(one.cost, two.cost) <= STEADY
             found[name] = Setting(a, b, t, p.unit_for(one.loop.joint), sure)
@@ -131,7 +130,7 @@ def _needed(fit: Fit, name: str, value: float) -> bool:
     """Whether no other base parameter makes up for the other record's value of this one."""
     moved = fit.refit(values={name: value}, free=[n for n in fit.free if n != name])
     clear = fit.cost <= STEADY or moved.cost > OTHER_VALUE * fit.cost
-    return clear and (moved.cost - fit.cost) * len(fit.e) > CHANGED_T**2
+    return clear and (moved.cost - fit.cost) * len(fit.e) > SURE_T**2
 
 
 def decide(
@@ -161,7 +160,7 @@ def decide(
     """
     small = shrink.slight(tolerance)
     if effects:
-        return "explained" if small or shrink.closed >= EXPLAINED else "partial"
+        return "explained" if small or shrink.closed >= NEARLY_ALL else "partial"
     few = min(m.fold.n_kept for m in measured)
     allowed = ADEQUATE + (SHORT / few) ** 2
     left = cost(result.held)
@@ -171,11 +170,11 @@ def decide(
     silent = slight or min(h.cost for h in result.held) <= allowed
     apart = any(_stands_apart(m, left, allowed, silent) for m in measured)
     again = apart and come_again(measured)
-    if changed or (apart and not again and (repeats < REPEATS or slight)):
+    if changed or (apart and not again and (repeats < GOOD_PART or slight)):
         return "non-repeatable"
     between = measured[-1].floor.between
     above = between is not None and shrink.after > OVER_FLOOR * between and not small
-    above = above or repeats >= REPEATS
+    above = above or repeats >= GOOD_PART
     errors = [(shrink.after_frozen, shrink.force), *((m.base.force_rms, m.force) for m in measured)]
     faint = all(e < 0.01 * tolerance * force for e, force in errors)  # floor and all
     enough = (faint and shrink.slight(unseen)) or (left <= allowed and not above)
@@ -218,7 +217,7 @@ def lowers(shrink: Shrink, simulated: bool, removed: float) -> bool:
         Whitened energy that they remove; 1 is the floor. Where fast noise is most of the force
         error, no effect lowers it by much, and an energy that stands out of the noise is enough.
     """
-    least = FAINT if simulated and removed <= HEARD else 0.0
+    least = HARDLY_ANY if simulated and removed <= LITTLE else 0.0
     return shrink.after < (1.0 - least) * shrink.before
 
 
