@@ -71,7 +71,7 @@ AGREES = 1.67
 #:   no other one is asked for (judgement); of all that error, outside of one place: that is a bad
 #:   row (judgement);
 #: - of the error, by a corrected controller: less is not worth a line of its own (taste).
-HARDLY_ANY = 0.01
+HARDLY_ANY = 0.005
 #: Little:
 #:
 #: - of what all names remove: an effect without which the model loses less is dropped again; the
