@@ -48,6 +48,10 @@ from dataclasses import dataclass
 #: Factor by which two amplitudes of one effect may differ and still agree (training; widths of
 #: backlash: 1.6 of one that is there, 2.3 of a spring that has the form of a backlash).
 AGREES = 1.67
+#: Block t value from which it is sure that something is there: a wrong gain (training: 0 of 100
+#: records without), a base parameter that has changed, between two records (training: 0 of 100) or
+#: from a simulator to its axis, and an effect (`Rules.t`).
+SURE_T = 6.5
 
 # --- shares: how much of anything -------------------------------------------------------------
 # One scale, wherever it is asked how much of something there is. Of what it is asked, and what was
@@ -57,8 +61,8 @@ AGREES = 1.67
 #:
 #: - of a gain, or of what names remove: two effects whose gains differ by less do equally well (if
 #:   what they leave differs by `LITTLE` at most), the one with fewer parameters gets the name, and
-#:   no t value tells them apart (judgement: a spring and gravity over a short arc differ by 1e-5
-#:   to 0.0052, two laws of the speed by 0.012 to 0.019, of twelve pairs the better one right);
+#:   no t value tells them apart (judgement: a spring and gravity over a short arc differ by 1e-5 to
+#:   0.0052, two laws of the speed by 0.012 to 0.019, of twelve pairs the better one right);
 #: - of the energy: an effect with less gain in the screening is not fitted (cost);
 #: - of the force error: if all names together lower it by less, they fall (judgement: of two false
 #:   names, on a healthy arm and a healthy axis with encoder noise, the larger lowered it by
@@ -75,119 +79,129 @@ HARDLY_ANY = 0.005
 #: Little:
 #:
 #: - of what all names remove: an effect without which the model loses less is dropped again; the
-#: last one if it loses less of what that one removed (training). Smooth laws that add less to one
-#: turn of an encoder say nothing against it (training: 0.017 to 0.043 of three whose second
-#: harmonic is 3 to 5 %); - of the whole gap: an effect similar to a named one must remove more, but
-#: for a second mass of   which no smooth law could have most (`NEARLY_ALL`); - of an effect's
-#: energy: it stands beside a force without a name, fitted with it, if it keeps   more there, and
-#: its amplitude `AGREES` with that by itself (training: of 30 names of forces   without one, which
-#: replicate by themselves, two stand; of 25 true ones, lost behind something   else, ten); - of the
-#: noise's energy, removed by all names: beyond that any fall of the force error is enough,   for
-#: fast noise is most of it, and the effect stands out of it (judgement: of the two false   names
-#: above the larger removed 0.02); - of the parity error: a law of a few past samples, whatever its
-#: kind, is there if it leaves   less, also of what the command's own past leaves (training: 0.0
-#: where the axis file lacks a   filter, 0.14 on EMPS, 1 in noise); of its energy, left by a limit
-#: where the law was cut at few   of the samples at the top, beside the log's noise, and of the
-#: command's (judgement: nothing   else takes nearly all of it; in training 2e-4, 6e-3 and 0.013 are
-#: left); - of a gain: a smaller error is not worth a name where noise of the log hides the law
-#: (judgement); - of a step: values that are off its multiples by less are rounded to it (numerics:
-#: digits of a   log); - of the variance of a force over the position, to which other signals add
-#: hardly a tenth: it is   friction if less is the same forwards and backwards (training: 0.002 to
-#: 0.024 of four frictions   over position, 0.034 to 0.8 of 13 forces over position and direction;
-#: of nine forces that need   further signals none has a name by it); - of the gap: what closes less
-#: closes nothing by itself (training); of a record: outside the   other one's range more is worth a
-#: remark (taste); of a signature: a motion that is worth advice   has more that the other effect
-#: cannot imitate (judgement); - of the force by which simulator and axis differ: named effects must
-#: explain more, for a   difference of two logs is right to first order only (judgement on a few
-#: drawn models: a lag   named where only parameters differ explained 0.04 of it, two effects that
-#: were missed 0.07,   0.2); - of a base parameter: a smaller change is not worth a word (physics:
-#: friction warms up); - of a stroke or time: as far as a law may be carried beyond it (training); -
-#: of the samples of a window, the largest: they do not count, for noise may have heavy tails
-#: (training: with all samples six of 100 pairs had an event without one; of bursts, none is
-#: lost); - of a limit, or of what another effect leaves: a command that is more above it has
-#: another   limit (numerics), and what leaves more does not do equally well (judgement: at a gap of
-#: 1800   times the noise a spring for gravity leaves 3.8 times as much, and gains 0.997 of what
-#: that   gains); - of the largest acceleration, from which the axis accelerates (taste); of the
-#: samples, at which   a known input may step to have edges of its own (judgement).
+#:   last one if it loses less of what that one removed (training). Smooth laws that add less to one
+#:   turn of an encoder say nothing against it (training: 0.017 to 0.043 of three whose second
+#:   harmonic is 3 to 5 %);
+#: - of the whole gap: an effect similar to a named one must remove more, but for a second mass of
+#:   which no smooth law could have most (`NEARLY_ALL`);
+#: - of an effect's energy: it stands beside a force without a name, fitted with it, if it keeps
+#:   more there, and its amplitude `AGREES` with that by itself (training: of 30 names of forces
+#:   without one, which replicate by themselves, two stand; of 25 true ones, lost behind something
+#:   else, ten);
+#: - of the noise's energy, removed by all names: beyond that any fall of the force error is enough,
+#:   for fast noise is most of it, and the effect stands out of it (judgement: of the two false
+#:   names above the larger removed 0.02);
+#: - of the parity error: a law of a few past samples, whatever its kind, is there if it leaves
+#:   less, also of what the command's own past leaves (training: 0.0 where the axis file lacks a
+#:   filter, 0.14 on EMPS, 1 in noise); of its energy, left by a limit where the law was cut at few
+#:   of the samples at the top, beside the log's noise, and of the command's (judgement: nothing
+#:   else takes nearly all of it; in training 2e-4, 6e-3 and 0.013 are left);
+#: - of a gain: a smaller error is not worth a name where noise of the log hides the law
+#:   (judgement);
+#: - of a step: values that are off its multiples by less are rounded to it (numerics: digits of a
+#:   log);
+#: - of the variance of a force over the position, to which other signals add hardly a tenth: it is
+#:   friction if less is the same forwards and backwards (training: 0.002 to 0.024 of four frictions
+#:   over position, 0.034 to 0.8 of 13 forces over position and direction; of nine forces that need
+#:   further signals none has a name by it);
+#: - of the gap: what closes less closes nothing by itself (training); of a record: outside the
+#:   other one's range more is worth a remark (taste); of a signature: a motion that is worth advice
+#:   has more that the other effect cannot imitate (judgement);
+#: - of the force by which simulator and axis differ: named effects must explain more, for a
+#:   difference of two logs is right to first order only (judgement on a few drawn models: a lag
+#:   named where only parameters differ explained 0.04 of it, two effects that were missed 0.07,
+#:   0.2);
+#: - of a base parameter: a smaller change is not worth a word (physics: friction warms up);
+#: - of a stroke or time: as far as a law may be carried beyond it (training);
+#: - of the samples of a window, the largest: they do not count, for noise may have heavy tails
+#:   (training: with all samples six of 100 pairs had an event without one; of bursts, none is
+#:   lost);
+#: - of a limit, or of what another effect leaves: a command that is more above it has another limit
+#:   (numerics), and what leaves more does not do equally well (judgement: at a gap of 1800 times
+#:   the noise a spring for gravity leaves 3.8 times as much, and gains 0.997 of what that gains);
+#: - of the largest acceleration, from which the axis accelerates (taste); of the samples, at which
+#:   a known input may step to have edges of its own (judgement).
 LITTLE = 0.05
 #: Some:
 #:
-#: - of the energy: a valley that removes less is not worth following (training); - of a record that
-#: stands out, and no smooth law explains: a second mass is looked for   (training); of one that
-#: lies where the other has been: if it is less, all of it counts, for   that has too few blocks for
-#: any effect (training); of one that the hold-out has too: that is   refused (training); - of what
-#: a force without a name removes: names by which such a force over several signals needs   one
-#: fewer stay beside it if it removes less with them than alone by at most this (training: of   13
-#: true names behind a real background that were lost for 0.01 to 0.1 seven spare it one; of 36
-#: false ones one, lost for 0.103); - of the force error: a force without a name that is smaller is
-#: not worth a word (taste); of the   force: noise that is larger is (judgement); - of the spread of
-#: what a law gives where a command is at its limit: the command's is less there   (training: 0.29
-#: where a gain was wrong and what was logged had a background; up to 0.01 in seven   records at a
-#: limit); of a reference's size, by which it has left itself before it comes again   (numerics).
+#: - of the energy: a valley that removes less is not worth following (training);
+#: - of a record that stands out, and no smooth law explains: a second mass is looked for
+#:   (training); of one that lies where the other has been: if it is less, all of it counts, for
+#:   that has too few blocks for any effect (training); of one that the hold-out has too: that is
+#:   refused (training);
+#: - of what a force without a name removes: names by which such a force over several signals needs
+#:   one fewer stay beside it if it removes less with them than alone by at most this (training: of
+#:   13 true names behind a real background that were lost for 0.01 to 0.1 seven spare it one; of 36
+#:   false ones one, lost for 0.103);
+#: - of the force error: a force without a name that is smaller is not worth a word (taste); of the
+#:   force: noise that is larger is (judgement);
+#: - of the spread of what a law gives where a command is at its limit: the command's is less there
+#:   (training: 0.29 where a gain was wrong and what was logged had a background; up to 0.01 in
+#:   seven records at a limit); of a reference's size, by which it has left itself before it comes
+#:   again (numerics).
 SOME = 0.1
 #: A good part:
 #:
 #: - of the gap, removed on both folds: `DISCREPANCY_T` is enough to pass, for another effect may
-#: hide it (training: friction over position and a spring, 0.37 and 0.36); - of one record's
-#: whitened energy, removed by a second mass that was looked for in both: it is   looked for in that
-#: one alone (cost: 0.9 in one that rattles; in seven of the slowest records   nothing was found in
-#: both); - of the energy above the floor that all names leave: a second or later name falls if it
-#: removes   less (training: of nine such names that left more than 1.05 three right ones removed
-#: 1.2 times   as much or more, as those of EMPS do, and five wrong ones 0.05 to 0.13 times); - of
-#: what is left above the floor: it repeats if a force without a name removes that much
-#: (definition). Then the model is not adequate; - of the best gain: an effect that gains more is a
-#: rival. What gains less is not fitted, and leaves   a second mass without one (training); - of the
-#: energy: a large gap is searched a second time if the first search leaves more (training:   half
-#: of such searches end where 0.35 is left, the others where 0.04 is).
+#:   hide it (training: friction over position and a spring, 0.37 and 0.36);
+#: - of one record's whitened energy, removed by a second mass that was looked for in both: it is
+#:   looked for in that one alone (cost: 0.9 in one that rattles; in seven of the slowest records
+#:   nothing was found in both);
+#: - of the energy above the floor that all names leave: a second or later name falls if it removes
+#:   less (training: of nine such names that left more than 1.05 three right ones removed 1.2 times
+#:   as much or more, as those of EMPS do, and five wrong ones 0.05 to 0.13 times);
+#: - of what is left above the floor: it repeats if a force without a name removes that much
+#:   (definition). Then the model is not adequate;
+#: - of the best gain: an effect that gains more is a rival. What gains less is not fitted, and
+#:   leaves a second mass without one (training);
+#: - of the energy: a large gap is searched a second time if the first search leaves more (training:
+#:   half of such searches end where 0.35 is left, the others where 0.04 is).
 GOOD_PART = 0.3
 #: Most, of anything (definition). Of an effect that no smooth law could have most of, no force
 #: without a name outmatches the name; a line over position must have most of all that smooth laws
 #: and the line remove (training: 0.51 to 0.97 of twelve lines beside a real background or a
 #: nameless force, 0.30 to 0.51 of four that were bumps). Another law, limit or filter must explain
 #: most of what the declared one leaves, and a smooth reference, or one that is derived otherwise,
-#: most of what the logged one does; an axis whose distance from its reference is most of the
-#: motion does not follow it; a change of an added input is a step too if it is most of the largest
-#: (what follows one does not count where a log does not have its time); and a stretch stands out by
-#: most of the tolerance, or of `TOLERANCE` if that is less (32 withheld bursts stand out by 1.6 to
-#: 45 % of the force; where the noise is a thousandth, MuJoCo's dry friction, which is never quite
-#: dry, by 0.1 %). All of these are judgement.
+#: most of what the logged one does; an axis whose distance from its reference is most of the motion
+#: does not follow it; a change of an added input is a step too if it is most of the largest (what
+#: follows one does not count where a log does not have its time); and a stretch stands out by most
+#: of the tolerance, or of `TOLERANCE` if that is less (32 withheld bursts stand out by 1.6 to 45 %
+#: of the force; where the noise is a thousandth, MuJoCo's dry friction, which is never quite dry,
+#: by 0.1 %). All of these are judgement.
 MOST = 0.5
 #: Nearly all:
 #:
 #: - of the reducible force error: a gap that names close so far is explained (definition), as it is
-#: where they leave less than the tolerance above the floor; - of the gap's energy: nothing nameless
-#: is suspected (training, seeds 300 to 330, and 900 to 982   on MuJoCo; EMPS has 0.92): names that
-#: explain less, while an effect that cannot be named gains   more than one of them, have not its
-#: cause (effects left out of the library, seeds 6003 to 6042,   five such names, all wrong, and a
-#: gain over position of MuJoCo's called friction; of 282 true   ones, of single effects, pairs,
-#: MuJoCo's and behind backgrounds, none). What removes so much by   itself is excused where it is
-#: uneven (`UNEVEN`), and a force without a name that describes so   much needs one standard error
-#: only (judgement: a gain that falls with the speed left 4 %, at   1.8, for two steps had most of
-#: the energy); - of a second mass, that no smooth law can have: if no other effect gains a
-#: `GOOD_PART` of its gain   nothing can be taken for it, and its name is right with this
-#: probability at least, however few   blocks show it (training, with 0.85: backlash of MuJoCo's,
-#: seeds 1109 to 1223, whose loads   rattle otherwise than any simulation of them: eight of eight,
-#: and one more of each; nothing else   passes in 66 other cases there, nor in 210 of 7000 on; that
-#: was before the other fold chose   between the first and the last fit of a load that rattles, as
-#: with `WEIGHTS`); - of the stretches of a record, sample for sample in another: the two are one
-#: (theory); - of a correlation: two signals go together, as a position and the reference that it
-#: follows   (training), or another column of the law and the command (judgement); of R2: a law is
-#: taken (it   explains the command, or nothing is said); - of the way from a limit to the largest
-#: command: half of these samples lie beyond it (theory: of   a smooth peak three quarters of it, of
-#: a limit all); of the samples, at an undeclared limit:   the record is refused, for nothing
-#: controls the axis (training, seeds 3010+).
+#:   where they leave less than the tolerance above the floor;
+#: - of the gap's energy: nothing nameless is suspected (training, seeds 300 to 330, and 900 to 982
+#:   on MuJoCo; EMPS has 0.92): names that explain less, while an effect that cannot be named gains
+#:   more than one of them, have not its cause (effects left out of the library, seeds 6003 to 6042,
+#:   five such names, all wrong, and a gain over position of MuJoCo's called friction; of 282 true
+#:   ones, of single effects, pairs, MuJoCo's and behind backgrounds, none). What removes so much by
+#:   itself is excused where it is uneven (`UNEVEN`), and a force without a name that describes so
+#:   much needs one standard error only (judgement: a gain that falls with the speed left 4 %, at
+#:   1.8, for two steps had most of the energy);
+#: - of a second mass, that no smooth law can have: if no other effect gains a `GOOD_PART` of its
+#:   gain nothing can be taken for it, and its name is right with this probability at least, however
+#:   few blocks show it (training, with 0.85: backlash of MuJoCo's, seeds 1109 to 1223, whose loads
+#:   rattle otherwise than any simulation of them: eight of eight, and one more of each; nothing
+#:   else passes in 66 other cases there, nor in 210 of 7000 on; that was before the other fold
+#:   chose between the first and the last fit of a load that rattles, as with `WEIGHTS`);
+#: - of the stretches of a record, sample for sample in another: the two are one (theory);
+#: - of a correlation: two signals go together, as a position and the reference that it follows
+#:   (training), or another column of the law and the command (judgement); of R2: a law is taken (it
+#:   explains the command, or nothing is said);
+#: - of the way from a limit to the largest command: half of these samples lie beyond it (theory: of
+#:   a smooth peak three quarters of it, of a limit all); of the samples, at an undeclared limit:
+#:   the record is refused, for nothing controls the axis (training, seeds 3010+).
 NEARLY_ALL = 0.9
-#: Block t value from which it is sure that something is there: a wrong gain (training: 0 of 100
-#: records without), a base parameter that has changed, between two records (training: 0 of 100) or
-#: from a simulator to its axis, and an effect (`Rules.t`).
-SURE_T = 6.5
 
 # --- parity: does the command follow from the measured position? ------------------------------
 
 #: Samples from the position to the command that are tried (physics: bus and cycle times).
 MAX_DELAY = 5
 #: Samples at the start that depend on the time before the record (theory: taps plus delay), and on
-#: either side of one sample at which an error counts as being there (`ONE_PLACE`).
+#: either side of one sample at which an error counts as being there.
 PARITY_HEAD = 20
 #: Samples at an extreme, cut by the law there, or beyond a declared limit, before it counts as one
 #: (training).
