@@ -26,7 +26,7 @@ smooth law            columns over the state of the axis or its past: fixed ones
 force without a name  the smooth law that predicts held-out data best
 line                  a force that is periodic over position
 twin                  another effect of a round that cannot be told from the best one
-rival                 another effect of a round that can (`GOOD_PART`, "rival" in `WEIGHTS`)
+rival                 another effect of a round that can (`RIVAL`, "rival" in `WEIGHTS`)
 most                  more than half (`MOST`)
 to stand              of an effect: to be as large beside a force without a name as by itself
 x, of y               x as a share of y ("speed, of the largest": speed over the largest speed)
@@ -100,10 +100,6 @@ HARDLY_ANY = 0.005
 #:   (judgement);
 #: - of a step: values that are off its multiples by less are rounded to it (numerics: digits of a
 #:   log);
-#: - of the variance of a force over the position, to which other signals add hardly a tenth: it is
-#:   friction if less is the same forwards and backwards (training: 0.002 to 0.024 of four frictions
-#:   over position, 0.034 to 0.8 of 13 forces over position and direction; of nine forces that need
-#:   further signals none has a name by it);
 #: - of the gap: what closes less closes nothing by itself (training); of a record: outside the
 #:   other one's range more is worth a remark (taste); of a signature: a motion that is worth advice
 #:   has more that the other effect cannot imitate (judgement);
@@ -152,8 +148,6 @@ SOME = 0.1
 #:   as much or more, as those of EMPS do, and five wrong ones 0.05 to 0.13 times);
 #: - of what is left above the floor: it repeats if a force without a name removes that much
 #:   (definition). Then the model is not adequate;
-#: - of the best gain: an effect that gains more is a rival. What gains less is not fitted, and
-#:   leaves a second mass without one (training);
 #: - of the energy: a large gap is searched a second time if the first search leaves more (training:
 #:   half of such searches end where 0.35 is left, the others where 0.04 is).
 GOOD_PART = 0.3
@@ -181,8 +175,8 @@ MOST = 0.5
 #:   itself is excused where it is uneven (`UNEVEN`), and a force without a name that describes so
 #:   much needs one standard error only (judgement: a gain that falls with the speed left 4 %, at
 #:   1.8, for two steps had most of the energy);
-#: - of a second mass, that no smooth law can have: if no other effect gains a `GOOD_PART` of its
-#:   gain nothing can be taken for it, and its name is right with this probability at least, however
+#: - of a second mass, that no smooth law can have: if no other effect gains `RIVAL` of its gain
+#:   nothing can be taken for it, and its name is right with this probability at least, however
 #:   few blocks show it (training, with 0.85: backlash of MuJoCo's, seeds 1109 to 1223, whose loads
 #:   rattle otherwise than any simulation of them: eight of eight, and one more of each; nothing
 #:   else passes in 66 other cases there, nor in 210 of 7000 on; that was before the other fold
@@ -609,6 +603,9 @@ CLEAN = 1.05
 #: Effects of the screening that are fitted first; of the others only what may be a rival of these,
 #: or all if none of these passes (cost).
 AT_FIRST = 2
+#: Least gain of a rival, of the best gain: in the screening, where less is not fitted, and of what
+#: leaves a second mass without one (training).
+RIVAL = 0.35
 #: Multiple of that loss: where the loss to first order is larger, the effect is kept, and no model
 #: without it is fitted, unless an earlier one is a valley (cost).
 SURELY_NEEDED = 4.0
@@ -670,6 +667,11 @@ POSITION_KNOTS = 16
 #: The same at least, of a law without room for a line's periods: of two or three nobody can tell
 #: whether they are a line (judgement), and at most, of bumps as short as a period (numerics).
 LEAST_KNOTS, MOST_KNOTS = 8, 64
+#: A force over the position, to which other signals add `SOME` of all that it removes at most, is
+#: friction if at most this share of its variance is the same forwards and backwards (training:
+#: 0.002 to 0.024 of four frictions over position, 0.034 to 0.8 of 13 forces over position and
+#: direction; of nine forces that need further signals none has a name by it).
+EVEN = 0.03
 #: Columns of smooth laws take some of any noise. So much counts as chance, in standard deviations
 #: above its mean (theory: 98 % of noise takes less).
 CHANCE = 2.0

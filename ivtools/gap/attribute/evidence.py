@@ -11,7 +11,6 @@ from ..candidate import Trial
 from ..discrepancy import Laws
 from ..fit import Fit, common, cost
 from ..rules import (
-    GOOD_PART,
     LEAST_EVENNESS,
     LEAST_EVIDENCE,
     LIKELY,
@@ -19,6 +18,7 @@ from ..rules import (
     MOST,
     MOST_LEFT,
     NEARLY_ALL,
+    RIVAL,
     SUREST,
     UNEVEN,
     UNEVEN_LEAVES,
@@ -100,7 +100,7 @@ class Evidence:
     @property
     def unrivalled(self) -> bool:
         """Whether neither smooth laws nor other effects have anything of what it removes."""
-        return self.apart and self.rival < GOOD_PART and not self.surpassed
+        return self.apart and self.rival < RIVAL and not self.surpassed
 
     def to_dict(self) -> dict[str, float | bool]:
         """Return the JSON of the evidence."""

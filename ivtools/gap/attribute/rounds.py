@@ -25,10 +25,10 @@ from ..rules import (
     CLEAN,
     DISCREPANCY_T,
     DRAWS,
-    GOOD_PART,
     HARDLY_ANY,
     LITTLE,
     MOST,
+    RIVAL,
     SOME,
     SWUNG,
     Rules,
@@ -301,7 +301,7 @@ class _Tries:
         self.fit(chosen[:AT_FIRST])
         best = self.best
         least = min([best, *(gains[t.name] for t in self.fitted if t.gain >= best > 0.0)])
-        self.fit([n for n in chosen[AT_FIRST:] if gains[n] > GOOD_PART * least or n == self.sensed])
+        self.fit([n for n in chosen[AT_FIRST:] if gains[n] > RIVAL * least or n == self.sensed])
 
     def of_speed(self) -> None:
         """Fit all laws of the speed, where one leads: what else is there bends its form."""

@@ -32,6 +32,7 @@ from ..rules import (
     COOLING,
     DISCREPANCY_T,
     DOMINANT_T,
+    EVEN,
     LITTLE,
     MOST,
     NEARLY_ALL,
@@ -190,7 +191,7 @@ class Spline:
     @property
     def of_place(self) -> bool:
         """Whether it is friction over the position, whatever its curve, and little else."""
-        return self.over[:1] == ("q",) and self.first >= NEARLY_ALL and self.even() < LITTLE
+        return self.over[:1] == ("q",) and self.first >= NEARLY_ALL and self.even() < EVEN
 
     @property
     def of_use(self) -> bool:
