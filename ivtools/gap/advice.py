@@ -23,8 +23,6 @@ from .fold import usable
 from .library import Scales
 from .rules import (
     ADEQUATE,
-    BETTER_MOTION,
-    DITHER,
     DITHER_HZ,
     DITHER_LINES,
     LITTLE,
@@ -69,9 +67,7 @@ def _wider(record: Record) -> Record:
 def _dither(record: Record) -> Record:
     """Add a command of many frequencies."""
     t = record.t - record.t[0]
-    size = DITHER * float(
-        np.max(np.abs(np.asarray(record.tau if record.nu is None else record.nu)))
-    )
+    size = SOME * float(np.max(np.abs(np.asarray(record.tau if record.nu is None else record.nu))))
     lines = np.geomspace(*DITHER_HZ, DITHER_LINES)
     dither = sum(np.sin(2 * np.pi * f * t + 1.7 * k * k) for k, f in enumerate(lines))
     given = record.added if record.added is not None else np.zeros((record.n_samples, 1))
@@ -107,7 +103,7 @@ def separate(first: Fit, second: Fit, name: str, other: str) -> str:
     now, *found = threaded(lambda r: _distance(first, second, name, other, r), motions)
     better = dict(zip(EXCITATIONS, found, strict=True))
     text = max(better, key=lambda t: better[t])
-    if better[text] < max(BETTER_MOTION * now, LITTLE):
+    if better[text] < max((1.0 + SOME) * now, LITTLE):
         return (
             f"no motion that was tried tells {name} from {other} much better (here they have "
             f"{100 * (1 - now**2):.0f} % of what they do to the command in common); a still longer "

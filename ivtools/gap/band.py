@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from .rules import SLOW, SLOW_RATE, SPLIT_RATE
+from .rules import NEARLY_ALL, SLOW, SLOW_RATE
 
 Array = NDArray[np.float64]
 
 
 def below(x: Array, hz: float, dt: float) -> Array:
     """Return what a signal has below a frequency, (n_samples, ...)."""
-    sos = signal.butter(2, min(2 * hz * dt, SPLIT_RATE), output="sos")
+    sos = signal.butter(2, min(2 * hz * dt, NEARLY_ALL), output="sos")
     return np.asarray(signal.sosfiltfilt(sos, x, axis=0))
 
 

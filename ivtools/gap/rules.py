@@ -115,6 +115,14 @@ HARDLY_ANY = 0.005
 #: - of a limit, or of what another effect leaves: a command that is more above it has another limit
 #:   (numerics), and what leaves more does not do equally well (judgement: at a gap of 1800 times
 #:   the noise a spring for gravity leaves 3.8 times as much, and gains 0.997 of what that gains);
+#: - of the reducible gap, left open: no other answer and no second mass is looked for (training);
+#:   of the energy without a second mass, removed by the best point of a generation: the search goes
+#:   on (training: of 16 gaps and 9 springs the first generation leaves 0.34 to 0.91; where there is
+#:   none it leaves 0.92 to 1.2, unless something else looks like it);
+#: - of the samples of a window that stands out: no more of them do not count (training); of the
+#:   largest command, below it: where an integrator is taken to stand, for a first look at a noisy
+#:   limit (training); of the command's variance: a law times a factor that leaves no more is this
+#:   law in another unit (a worse fit is a remainder);
 #: - of the largest acceleration, from which the axis accelerates (taste); of the samples, at which
 #:   a known input may step to have edges of its own (judgement).
 LITTLE = 0.05
@@ -134,7 +142,9 @@ LITTLE = 0.05
 #: - of the spread of what a law gives where a command is at its limit: the command's is less there
 #:   (training: 0.29 where a gain was wrong and what was logged had a background; up to 0.01 in
 #:   seven records at a limit); of a reference's size, by which it has left itself before it comes
-#:   again (numerics).
+#:   again (numerics);
+#: - of what one of two effects cannot imitate: a motion by which it grows more is worth advice; and
+#:   of the largest command: a dither has that size (taste).
 SOME = 0.1
 #: A good part:
 #:
@@ -148,6 +158,8 @@ SOME = 0.1
 #:   as much or more, as those of EMPS do, and five wrong ones 0.05 to 0.13 times);
 #: - of what is left above the floor: it repeats if a force without a name removes that much
 #:   (definition). Then the model is not adequate;
+#: - of the noise's energy, beside it: a model that leaves no more reproduces a record, so that its
+#:   base parameters are the axis's (training);
 #: - of the energy: a large gap is searched a second time if the first search leaves more (training:
 #:   half of such searches end where 0.35 is left, the others where 0.04 is).
 GOOD_PART = 0.3
@@ -156,12 +168,13 @@ GOOD_PART = 0.3
 #: and the line remove (training: 0.51 to 0.97 of twelve lines beside a real background or a
 #: nameless force, 0.30 to 0.51 of four that were bumps). Another law, limit or filter must explain
 #: most of what the declared one leaves, and a smooth reference, or one that is derived otherwise,
-#: most of what the logged one does; an axis whose distance from its reference is most of the motion
-#: does not follow it; a change of an added input is a step too if it is most of the largest (what
-#: follows one does not count where a log does not have its time); and a stretch stands out by most
-#: of the tolerance, or of `TOLERANCE` if that is less (32 withheld bursts stand out by 1.6 to 45 %
-#: of the force; where the noise is a thousandth, MuJoCo's dry friction, which is never quite dry,
-#: by 0.1 %). All of these are judgement.
+#: most of what the logged one does; fitted columns leave most of the degrees of freedom; an axis
+#: whose distance from its reference is most of the motion does not follow it; a change of an added
+#: input is a step too if it is most of the largest (what follows one does not count where a log
+#: does not have its time); and a stretch stands out by most of the tolerance, or of `TOLERANCE` if
+#: that is less (32 withheld bursts stand out by 1.6 to 45 % of the force; where the noise is a
+#: thousandth, MuJoCo's dry friction, which is never quite dry, by 0.1 %). All of these are
+#: judgement.
 MOST = 0.5
 #: Nearly all:
 #:
@@ -176,8 +189,8 @@ MOST = 0.5
 #:   much needs one standard error only (judgement: a gain that falls with the speed left 4 %, at
 #:   1.8, for two steps had most of the energy);
 #: - of a second mass, that no smooth law can have: if no other effect gains `RIVAL` of its gain
-#:   nothing can be taken for it, and its name is right with this probability at least, however
-#:   few blocks show it (training, with 0.85: backlash of MuJoCo's, seeds 1109 to 1223, whose loads
+#:   nothing can be taken for it, and its name is right with this probability at least, however few
+#:   blocks show it (training, with 0.85: backlash of MuJoCo's, seeds 1109 to 1223, whose loads
 #:   rattle otherwise than any simulation of them: eight of eight, and one more of each; nothing
 #:   else passes in 66 other cases there, nor in 210 of 7000 on; that was before the other fold
 #:   chose between the first and the last fit of a load that rattles, as with `WEIGHTS`);
@@ -185,6 +198,8 @@ MOST = 0.5
 #: - of a correlation: two signals go together, as a position and the reference that it follows
 #:   (training), or another column of the law and the command (judgement); of R2: a law is taken (it
 #:   explains the command, or nothing is said);
+#: - of half the sampling rate: the cut-off of any low-pass (numerics: it must be below it); of the
+#:   samples: a speed that is above those of so many is high;
 #: - of the way from a limit to the largest command: half of these samples lie beyond it (theory: of
 #:   a smooth peak three quarters of it, of a limit all); of the samples, at an undeclared limit:
 #:   the record is refused, for nothing controls the axis (training, seeds 3010+).
@@ -204,9 +219,6 @@ LIMIT_SAMPLES = 8
 AT_LIMIT = 0.999
 #: Share of the largest command from which it sits on an undeclared limit (numerics).
 AT_TOP = 0.9995
-#: Share of the largest command from which an integrator is taken to stand, for a first look at a
-#: noisy limit (training).
-NEAR_TOP = 0.95
 #: A command with noise is at its limit down to so many median deviations below it (theory: 4
 #: standard deviations), and these are at most this share of the limit (judgement: else the law
 #: exceeds the command everywhere, which is another unit and no limit).
@@ -318,8 +330,6 @@ WRONG_UNIT = 2.0
 SATURATED = 0.2
 #: How near a factor must come to that of a unit, relative (physics).
 UNIT_NEAR = 0.2
-#: R2 from which a law times a factor is this law in another unit (a worse fit is a remainder).
-UNIT_R2 = 0.98
 #: Samples that give a wrong unit away: of a longer record the first ones (cost).
 UNIT_SAMPLES = 1_000_000
 #: Ratio of recorded and expected command, or of the inertia that the record shows and that of the
@@ -402,9 +412,8 @@ POSITION_BINS = 1 << 14
 PADDING = 4
 #: Speeds at which the response to a line is looked up (numerics).
 LINE_SPEEDS = 40
-#: Share of the sampling rate that a line may reach at high speed (theory: Nyquist, with room), and
-#: the quantile of the speeds that is one.
-LINE_TOP, HIGH_SPEED = 0.35, 0.9
+#: Share of the sampling rate that a line may reach at high speed (theory: Nyquist, with room).
+LINE_TOP = 0.35
 #: Energy that is added to what any line is answered by, of the largest: else lines that hardly show
 #: would be raised above the others (numerics).
 FAINT_LINE = 1e-3
@@ -435,13 +444,10 @@ WINDOW = 0.1
 LEAST_WINDOW = 50
 #: Frequency, Hz, below and above which a window must be quiet (EMPS: band of the position loop).
 SPLIT_HZ = 12.0
-#: Cut-off of any low-pass at most, of half the sampling rate (numerics: it must be below it).
-SPLIT_RATE = 0.9
 #: Quantile of the windows that count as quiet (training).
 QUIET = 0.7
-#: Least share of the samples of a window that must count: of a quiet one, and of an event
-#: (training).
-FULL, FULL_EVENT = 0.8, 0.95
+#: Least share of the samples of a quiet window that must count (training).
+FULL = 0.8
 #: Samples per coefficient of the noise model in quiet windows, or all count (theory).
 PER_COEFFICIENT = 20
 #: Energy of a combination of columns, of the largest, below which they are linearly dependent
@@ -459,8 +465,6 @@ SHOWN, ASTRAY = (1e-5, 1e-4, 1e-3, 1e-2, 0.1), 10.0
 #: Width of the lag window that keeps the noise model stable, per sample, and its largest root
 #: (numerics: the spectrum is smoothed over a hundredth of the rate).
 LAG_WINDOW, LARGEST_ROOT = 0.02, 0.999
-#: Share of the degrees of freedom that fitted columns leave, at least (numerics).
-FREE = 0.5
 #: Bins of frequency, and least share of the noise in one that fitted columns leave (numerics).
 FREQUENCIES, LEAST_LEFT = 512, 0.25
 #: Robust standard deviations above the median from which a window is an event (training: 0 of 100
@@ -580,10 +584,6 @@ LARGE = 4.0
 DELIVERED_POINTS = 5
 #: Points per dimension, and generations, of differential evolution (training).
 CROWD, GENERATIONS = 5, 24
-#: Energy that the best point of a generation may leave, of that without the effect; else the search
-#: ends (training: of 16 gaps and 9 springs the first generation leaves 0.34 to 0.91; where there is
-#: none it leaves 0.92 to 1.2, unless something else looks like it).
-HOPELESS = 0.98
 #: Mutation and recombination of differential evolution (Storn, Price, 1997).
 MUTATION, RECOMBINATION = (0.4, 0.9), 0.9
 
@@ -732,23 +732,15 @@ OVER_FLOOR = 1.25
 #: Growth of the error's energy with the other record's value of a base parameter from which that
 #: has changed, whatever else is left (training: other axes).
 OTHER_VALUE = 3.0
-#: Whitened energy up to which a model reproduces a record, so that its base parameters are the
-#: axis's (training).
-STEADY = 1.3
 #: Confidence of the intervals of force errors, and of changes (convention).
 CONFIDENCE = 0.95
 #: Blocks at least, also of a short stretch, for the interval of an error (theory).
 LEAST_BLOCKS = 10
-#: Closed share of the reducible gap from which no other answer and no second mass is looked for
-#: (training).
-ALL_CLOSED = 0.97
-#: Growth of what one of two effects cannot imitate that makes a motion worth advice (taste).
-BETTER_MOTION = 1.15
 #: Motions that are tried for that: how many times slower one is, how many times longer the stroke
 #: of another, and between which paces, of the record's, and how often a third one sweeps.
 SLOWER, WIDER, PACES, SWEEPS = 3.0, 3.0, (0.1, 1.0), 3
-#: And a dither: its band, Hz, how many lines it has, and its size, of the largest command.
-DITHER_HZ, DITHER_LINES, DITHER = (3.0, 50.0), 12, 0.1
+#: And a dither: its band, Hz, and how many lines it has.
+DITHER_HZ, DITHER_LINES = (3.0, 50.0), 12
 #: Frequency bands in which the gap is shown, Hz (taste).
 BANDS = (0.0, 2.0, 12.0, 50.0, float("inf"))
 

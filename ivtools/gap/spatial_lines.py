@@ -19,13 +19,13 @@ from .fold import Fold
 from .response import weight
 from .rules import (
     FAINT_LINE,
-    HIGH_SPEED,
     LINE_BINS,
     LINE_PERIODS,
     LINE_SPEEDS,
     LINE_TOP,
     LINES,
     LINES_APART,
+    NEARLY_ALL,
     PADDING,
     POSITION_BINS,
 )
@@ -77,7 +77,7 @@ def _peaks(q: Array, v: Array, back: Array, weight: Array, fold: Fold, count: in
     )
     lines = np.abs(np.fft.rfft(density, PADDING * POSITION_BINS)) ** 2
     k = np.arange(len(lines)) / (PADDING * stroke)  # 1/m
-    top = LINE_TOP / fold.record.dt / max(np.quantile(np.abs(v), HIGH_SPEED), 1e-300)
+    top = LINE_TOP / fold.record.dt / max(np.quantile(np.abs(v), NEARLY_ALL), 1e-300)
     use = (k > LINE_PERIODS / stroke) & (k < min(top, POSITION_BINS / (LINE_BINS * stroke)))
     if not use.any():
         return []

@@ -20,7 +20,6 @@ from ..fit import Fit, cost, of_effect
 from ..fold import Fold
 from ..rules import (
     ADEQUATE,
-    ALL_CLOSED,
     AT_FIRST,
     CLEAN,
     DISCREPANCY_T,
@@ -285,7 +284,7 @@ class _Tries:
             bent = (n for n, t in self.terms.items() if t.search == "scan" and t.replaces)
             self.fit(self.hopeful(bent))
         rough = max(f.fold.rough for f in self.fits) > SOME
-        if rough and self.left > ADEQUATE and not self.closed(ALL_CLOSED):
+        if rough and self.left > ADEQUATE and not self.closed(1.0 - LITTLE):
             valleys = (n for n, t in self.terms.items() if t.search == "valleys")
             self.fit(self.hopeful(valleys))
         return self.made

@@ -24,9 +24,9 @@ from ..rules import (
     FIRST_CROWD,
     GENERATIONS,
     GOOD_PART,
-    HOPELESS,
     LARGE,
     LEAST_CROWD,
+    LITTLE,
     MOST,
     MUTATION,
     NEARLY_ALL,
@@ -135,7 +135,7 @@ def _deepest(
     order = np.argsort(rigid)[::-1]  # the one that shows more first
     costs = [costs[k] for k in order]
     plain, known = sum(rigid), dict(place or {})
-    if known and sum(c(known) for c in costs) < HOPELESS * plain:
+    if known and sum(c(known) for c in costs) < (1.0 - LITTLE) * plain:
         return [known]
     more, less = (fits[k].fold.scales for k in (order[0], order[-1]))
     found = [_evolved(costs, plain, b, FIRST_CROWD) for b in Box.of(term, less)]
@@ -147,7 +147,7 @@ def _deepest(
     if left > ADEQUATE and least > MOST * plain:
         found += [_evolved(costs, plain, b, SECOND_CROWD) for b in Box.wider(term, more)]
     least, best = min(found, key=_cheapest)
-    if least > HOPELESS * plain:
+    if least > (1.0 - LITTLE) * plain:
         _NOTHING.setdefault(fits[0].common, {})[term.name] = left
     return [best] if least <= plain else []
 
@@ -217,7 +217,7 @@ def _evolved(
 
     def ends(intermediate_result: OptimizeResult) -> None:
         """End a search that begins with nothing better than no effect at all."""
-        if intermediate_result.fun > HOPELESS * plain:
+        if intermediate_result.fun > (1.0 - LITTLE) * plain:
             raise StopIteration
         most[0] = float(np.max(intermediate_result.population_energies))
 

@@ -6,16 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ..rules import (
-    EVENT,
-    EVENT_SPREAD,
-    FULL_EVENT,
-    LASTING,
-    LASTING_EVENT,
-    LEAST_WINDOW,
-    LITTLE,
-    WINDOW,
-)
+from ..rules import EVENT, EVENT_SPREAD, LASTING, LASTING_EVENT, LEAST_WINDOW, LITTLE, WINDOW
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -59,7 +50,7 @@ def events(white: Array, keep: Mask, dt: float, rounded: Mask) -> Mask:
         `unchanged` samples: the more of a window, the further it may be off.
     """
     energy, counts, width = _energy(white, keep, dt, WINDOW)
-    off = _deviation(energy, counts >= FULL_EVENT * width) / _allowed(rounded, dt, WINDOW)
+    off = _deviation(energy, counts >= (1.0 - LITTLE) * width) / _allowed(rounded, dt, WINDOW)
     return _around(off > EVENT, width, keep)
 
 
@@ -70,7 +61,7 @@ def lasting(white: Array, keep: Mask, dt: float, rounded: Mask) -> Mask:
     mean does. Parameters are those of `events`.
     """
     energy, counts, width = _energy(white, keep, dt, LASTING)
-    full = counts >= FULL_EVENT * width
+    full = counts >= (1.0 - LITTLE) * width
     means, *_ = windows(white, keep, dt, LASTING)
     off = np.abs(_deviation(means * np.sqrt(counts), full, 1.0))  # noise has variance 1
     off = np.maximum(_deviation(energy, full), off) / _allowed(rounded, dt, LASTING)

@@ -27,7 +27,6 @@ from ..rules import (
     ASTRAY,
     EVENT_TIME,
     FEW_EVENTS,
-    FREE,
     FREQUENCIES,
     FULL,
     LAG_WINDOW,
@@ -143,7 +142,7 @@ def measure(fit: Fit, raw: Array, unknown: Array | None = None) -> Floor:
         whitener = autoregression(noise, _quiet(noise, keep, dt))
         white = fir(whitener, noise)
         taken = (columns.shape[1] + fit.J.shape[1] + NOISE_ORDER) / max(int(keep.sum()), 1)
-        scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, FREE))  # degrees of freedom
+        scale = _level(white, keep, dt) / np.sqrt(max(1.0 - taken, MOST))  # degrees of freedom
         whitener = whitener / scale
         if k == 0:  # these would pass for coloured noise, and what remembers may pass for an event
             lines = _lines(fold, rest, whitener, simulation)

@@ -15,7 +15,6 @@ from ..rules import (
     FLAT,
     LIMIT_SAMPLES,
     LITTLE,
-    NEAR_TOP,
     NEARLY_ALL,
     PARITY_HEAD,
     ROUGHEST,
@@ -68,7 +67,7 @@ def _level(signals: Signals, controller: Controller, own: Array) -> tuple[float,
     command is near its largest.
     """
     largest = float(np.max(own))
-    near = signals.limited(largest, NEAR_TOP * largest)
+    near = signals.limited(largest, (1.0 - LITTLE) * largest)
     law = near.law(controller, controller.delay)
     cut = _cut(near, law, largest)
     if cut.sum() < LIMIT_SAMPLES:

@@ -14,7 +14,7 @@ from ...loop.rough_inertia import beside_position
 from ...record import Record
 from ...units import JOINTS, parse
 from ..parity import Signals
-from ..rules import ABSURD, MAX_DELAY, OPPOSITE, UNIT_NEAR, UNIT_R2, UNIT_SAMPLES
+from ..rules import ABSURD, LITTLE, MAX_DELAY, OPPOSITE, UNIT_NEAR, UNIT_SAMPLES
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def wrong_unit(record: Record, loop: ClosedLoop) -> str:
     most = max(MAX_DELAY, loop.controller.delay)
     each = (_factor(signals, fed, delay) for delay in range(most + 1))
     factor, rest = min(each, key=lambda one: one[1])
-    if rest**2 > 1.0 - UNIT_R2:
+    if rest**2 > LITTLE:
         return ""
     if factor < 0.0:
         text = "the recorded command has the opposite sign of what the controller gives"

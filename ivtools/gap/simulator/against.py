@@ -14,7 +14,7 @@ from ...record import Record
 from ...simulators.difference import SWINGS, Difference, as_simulated, brought, difference
 from ...units import quantity
 from ..diagnosis import Diagnosis
-from ..rules import ADEQUATE, ALL_CLOSED, LITTLE, SAME_LOG, Rules
+from ..rules import ADEQUATE, LITTLE, SAME_LOG, Rules
 from .changes import changes, settled, twins
 
 Diagnose = Callable[..., Diagnosis]
@@ -51,7 +51,7 @@ def against(
     found = diagnose(*_records(lacking), loop)
     answers = [(found, lacking, False)]
     everywhere = any(t.everywhere for t in found.loop.terms if t.name in found.effects)
-    whole = _closed(found) >= ALL_CLOSED or found.chi[1] < ADEQUATE
+    whole = _closed(found) >= 1.0 - LITTLE or found.chi[1] < ADEQUATE
     enough = whole and len(found.effects) == 1 and not everywhere
     nothing = found.verdict == "adequate" or (found.negligible and not found.effects)
     if not nothing and not enough:
@@ -87,7 +87,7 @@ def _of_either_sign(found: Diagnosis) -> bool:
 def _worth(found: Diagnosis) -> tuple[float, int, float]:
     """Return how far an answer closes the gap, how few effects it takes, and what it leaves."""
     left = found.shrink.after if found.shrink else 0.0
-    return min(_closed(found), ALL_CLOSED), -len(found.effects), -left
+    return min(_closed(found), 1.0 - LITTLE), -len(found.effects), -left
 
 
 def _material(found: Diagnosis, pairs: list[Difference], surplus: bool, loop: ClosedLoop) -> bool:

@@ -25,7 +25,6 @@ from ..rules import (
     OTHER_VALUE,
     OVER_FLOOR,
     SHORT,
-    STEADY,
     SURE_T,
     UNSEEN,
 )
@@ -108,7 +107,7 @@ def changes(result: Attribution, tolerance: float) -> dict[str, Setting]:
         size = 0.5 * abs(a + b) if p.lower >= 0.0 else tolerance / 100.0 * force / LITTLE
         large = t > SURE_T and abs(a - b) > LITTLE * size
         if large and _needed(one, name, b) and _needed(two, name, a):
-            sure = min(one.cost, two.cost) <= STEADY
+            sure = min(one.cost, two.cost) <= 1.0 + GOOD_PART
             found[name] = Setting(a, b, t, p.unit_for(one.loop.joint), sure)
     return found
 
@@ -129,7 +128,7 @@ def _own_parameters(fit: Fit) -> Fit:
 def _needed(fit: Fit, name: str, value: float) -> bool:
     """Whether no other base parameter makes up for the other record's value of this one."""
     moved = fit.refit(values={name: value}, free=[n for n in fit.free if n != name])
-    clear = fit.cost <= STEADY or moved.cost > OTHER_VALUE * fit.cost
+    clear = fit.cost <= 1.0 + GOOD_PART or moved.cost > OTHER_VALUE * fit.cost
     return clear and (moved.cost - fit.cost) * len(fit.e) > SURE_T**2
 
 
