@@ -306,7 +306,7 @@ def _unexplained(base: tuple[Fit, ...], held: tuple[Fit, ...]) -> bool:
 def _without(fits: tuple[Fit, ...], name: str) -> tuple[Fit, ...]:
     """Return the model without one of its effects, fitted to each fold from where it was.
 
-    In the valley of another one it goes on: if that rattles, as far as the other fold bears it out.
+    In the valley of another one it goes on.
     """
 
     def one(fit: Fit) -> Fit:
@@ -321,6 +321,5 @@ def _without(fits: tuple[Fit, ...], name: str) -> tuple[Fit, ...]:
 
     found = tuple(threaded(one, fits))
     for term in found[0].loop.terms:
-        ways = (found, deeper(found, term))
-        found = min(ways, key=lambda fits: cost(frozen(fits))) if term.gaps else ways[1]
+        found = deeper(found, term)
     return found

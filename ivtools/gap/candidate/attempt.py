@@ -65,18 +65,11 @@ def _order(trial: Trial) -> tuple[bool, float]:
 def _tried(
     fits: tuple[Fit, ...], before: tuple[Fit, ...], term: Term, begin: tuple[list[Point], ...]
 ) -> Trial:
-    """Return what comes of these starting values, per fold.
-
-    No load rattles twice in the same way: a fit that goes on in its valley may come to know one
-    fold's way only, and the other one says then that it has gone too far. Any other is better the
-    deeper it is, though what one fold does not show may lead the other astray.
-    """
+    """Return what comes of these starting values, per fold."""
     new = tuple(threaded(lambda f, b: _extended(f, term, b), fits, begin))
-    worth = any(n.cost < NEARLY_ALL * f.cost for n, f in zip(new, fits, strict=True))
-    ways = [new] if term.gaps or not worth else []
-    if worth:
-        ways.append(deeper(new, term))
-    return min((Trial(term, *_exchanged(way), before) for way in ways), key=_order)
+    if any(n.cost < NEARLY_ALL * f.cost for n, f in zip(new, fits, strict=True)):
+        new = deeper(new, term)
+    return Trial(term, *_exchanged(new), before)
 
 
 def _by_simplex(trial: Trial) -> Trial:
@@ -120,7 +113,8 @@ def deeper(fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
     effect without valleys are there already. A nuisance, which the search chose of a few values, is
     fitted as well: what it should have been would be in all others. Contacts are rough: differences
     that are wide enough to look across what is rough lose sight of the bottom, so the last steps
-    take narrow ones.
+    take narrow ones. No load rattles twice in the same way: such a fit may come to know one fold's
+    way only, and if the other one says that it has gone too far it stays where it was.
     """
 
     def one(own: Fit, other: Fit) -> Fit:
@@ -132,7 +126,10 @@ def deeper(fits: tuple[Fit, ...], term: Term) -> tuple[Fit, ...]:
         best = min(both, key=lambda f: f.cost)
         return best.refit(free=free, iterations=VALLEY_STEPS, narrow=term.names)
 
-    return tuple(threaded(one, fits, fits[::-1])) if term.search == "valleys" else fits
+    if term.search != "valleys":
+        return fits
+    new = tuple(threaded(one, fits, fits[::-1]))
+    return min(fits, new, key=lambda way: cost(frozen(way))) if term.gaps else new
 
 
 def frozen(
