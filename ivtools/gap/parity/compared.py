@@ -403,7 +403,7 @@ def _once(error: Array, t: Array) -> float | None:
     energy = np.append(0.0, np.cumsum(error[PARITY_HEAD:] ** 2))
     k = int(np.argmax(np.abs(error[PARITY_HEAD:])))
     near = energy[min(k + PARITY_HEAD, len(energy) - 1)] - energy[max(k - PARITY_HEAD, 0)]
-    return float(t[PARITY_HEAD + k]) if near > 1.0 - HARDLY_ANY * energy[-1] else None
+    return float(t[PARITY_HEAD + k]) if near > (1.0 - HARDLY_ANY) * energy[-1] else None
 
 
 def _read(found: Parity, signals: Signals, record: Record, loop: ClosedLoop) -> Parity:
