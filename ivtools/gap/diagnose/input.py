@@ -22,6 +22,7 @@ from .. import parity, preflight
 from ..floor import fitted, prepared
 from ..parity import Parity
 from ..preflight import Finding
+from ..rules import LITTLE
 from .task import Task
 
 
@@ -168,21 +169,32 @@ def _as_it_acted(now: Input) -> Input:
 
 
 def _compared(now: Input, loop: ClosedLoop) -> list[Parity]:
-    """Return how a law compares with each record, at the rate of its controller."""
-    rate = parity.at_rate(now.task.loop)
+    """Return how a law compares with each record, at the rate of its controller.
 
-    def checked_one(one: Record) -> Parity:
-        """Return how it compares with one of them."""
-        return parity.at_motion(one, loop, parity.check(one, loop, False, rate), rate)
+    A controller has one rate, whatever its logs have, and noise may hide it in some of them. Where
+    another one has moved the axis, the law gives its command at the rate of that log.
+    """
 
-    checked = threaded(checked_one, now.records)
-    fast = [p for p in checked if p.oversampling > 1]
+    def at(one: Record, count: int) -> Parity:
+        """Return how it compares with one of them, at so many samples for each of the log."""
+        return parity.at_motion(one, loop, parity.check(one, loop, False, count), count)
+
+    def at_its_rate(one: Record, own: Parity) -> Parity:
+        """Return how it compares at the rate that is known."""
+        count = hz * one.dt
+        if own.oversampling == round(count) or abs(count - round(count)) > LITTLE:
+            return own
+        known = at(one, max(round(count), 1))
+        declared = own.trustworthy and not own.mismatch
+        return own if declared and own.after <= known.after else known
+
+    checked = threaded(at, now.records, [parity.at_rate(now.task.loop)] * len(now.records))
+    fast = [(p, r) for r, p in zip(now.records, checked, strict=True) if p.oversampling > 1]
     if not fast:
         return checked
-    # noise hides it in the others
-    rate = min(fast, key=lambda p: (p.below is not None, p.after)).oversampling
-    pairs = zip(now.records, checked, strict=True)
-    return [p if p.oversampling == rate else checked_one(r) for r, p in pairs]
+    best, logged = min(fast, key=lambda pair: (pair[0].below is not None, pair[0].after))
+    hz = best.oversampling / logged.dt
+    return [at_its_rate(r, p) for r, p in zip(now.records, checked, strict=True)]
 
 
 def _derived(now: Input) -> Input:
@@ -203,9 +215,13 @@ def _at_rate(now: Input) -> Input:
     pairs = zip(now.records, now.compared, strict=True)
     slow = [f for r, p in pairs if p.below for f in preflight.named([preflight.noisy(p)], r)]
     now = now.then(slow)
-    rate = max(p.oversampling for p in now.compared)
-    if rate > 1:
-        return now.then([preflight.faster(rate)])
+    faster = [[preflight.faster(p.oversampling)] * (p.oversampling > 1) for p in now.compared]
+    if any(faster):
+        alike = all(said == faster[0] for said in faster)
+        pairs = zip(now.records, faster, strict=True)
+        return now.then(
+            faster[0] if alike else [f for r, s in pairs for f in preflight.named(s, r)]
+        )
     loop, dt = now.loop, now.task.record.dt
     beyond = loop.controller.filter
     if beyond is None or beyond.fits(dt):
