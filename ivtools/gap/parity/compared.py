@@ -103,12 +103,14 @@ class Parity:
 
     @property
     def found(self) -> dict[str, float]:
-        """What the axis file has not: relative errors, feed-forwards, or another law's gains."""
+        """What the axis file has not: relative errors, feed-forwards, a filter, another law's gains."""
         if not self.taken:
             return self.mismatch
         law = self.loop.controller
         fed = {f"feedforward.{k}": v for k, v in law.feedforward.items()}
         fed |= {f"feedback.{k}": v for k, v in law.feedback.items()}
+        if law.filter is not None and law.filter != self.declared.filter:
+            fed["filter.hz"] = law.filter.hz
         if law.kind == self.declared.kind:
             known = {*self.declared.mismatches}
             return {**self.mismatch, **{k: v for k, v in fed.items() if k not in known}}
