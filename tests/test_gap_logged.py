@@ -8,6 +8,8 @@ import pytest
 import ivtools as iv
 from benchmarks import healthy, moves, populations
 from ivtools.gap import between, parity, preflight
+from ivtools.gap.diagnose.input import bounded, readied
+from ivtools.gap.diagnose.task import Task
 from ivtools.gap.fold import stepped
 from ivtools.gap.preflight import logged
 from ivtools.gap.rules import PARITY_HEAD
@@ -171,6 +173,46 @@ def test_a_log_of_some_of_the_samples_is_no_fault_of_the_controller(count):
     found = iv.diagnose(one, loop, two)
     assert found.effects == ("cogging",) and found.verdict == "explained"
     assert len(said(found, f"takes {count} samples for each of the log")) == 1
+
+
+def commanded(seed, kind, hz):
+    """Return an axis that was drawn, and what its controller of that rate did on two motions."""
+    rng = np.random.default_rng([seed, populations.KINDS.index(kind)])
+    loop, theta, stroke = populations.axis(rng, ("prismatic", "revolute")[seed % 2])
+    law = populations.controller(rng, kind, theta["inertia"], hz)
+    loop, records = replace(loop, controller=populations.scaled(law, loop.gain), start=theta), []
+    for _ in range(2):
+        motion = populations.reference(rng, 16_000, hz, stroke)
+        noise = 1e-6 * stroke * rng.normal(size=motion.n_samples)
+        ran = loop.simulate(motion, theta, initial="rest", position_noise=noise)
+        records.append(motion.replace(q=ran.q, nu=ran.nu))
+    return loop, records
+
+
+@pytest.mark.parametrize("counts", [(1, 2), (4, 1), (2, 5)])
+@pytest.mark.parametrize("kind", [k for k in populations.KINDS if k != "state-space"])
+def test_a_controller_has_one_rate_whatever_its_logs_have(kind, counts):
+    """Each is compared at its own multiple of it; at another's the law is a wrong one."""
+    for seed in range(3):
+        loop, records = commanded(seed, kind, 2000.0)
+        one, two = (sparse(r, n) for r, n in zip(records, counts, strict=True))
+        for task in (Task(one, loop, two), Task(one, loop, judge=two)):
+            compared = readied(bounded(task)).compared
+            assert tuple(p.oversampling for p in compared) == counts, seed
+            assert not any(p.found for p in compared), seed
+
+
+@pytest.mark.parametrize("kind", ["pd", "cascade-pd", "p-pi"])
+def test_the_axis_may_have_been_moved_by_a_slower_controller(kind):
+    """A log with all that this one did is not told the rate of the other."""
+    for seed in range(3):
+        loop, (fast, motion) = commanded(seed, kind, 2000.0)
+        slow = sparse(motion, 2)
+        ran = loop.simulate(slow, loop.start, initial="rest")
+        logged_whole = slow.replace(q=ran.q, nu=np.round(ran.nu, 9))
+        compared = readied(bounded(Task(sparse(fast, 4), loop, logged_whole))).compared
+        assert compared[0].oversampling > 2 and compared[1].oversampling == 1, seed
+        assert not any(p.found for p in compared), seed
 
 
 def filtered(loop, hz):

@@ -22,7 +22,7 @@ from .. import parity, preflight
 from ..floor import fitted, prepared
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import LITTLE
+from ..rules import LITTLE, NEARLY_ALL
 from .task import Task
 
 
@@ -171,8 +171,9 @@ def _as_it_acted(now: Input) -> Input:
 def _compared(now: Input, loop: ClosedLoop) -> list[Parity]:
     """Return how a law compares with each record, at the rate of its controller.
 
-    A controller has one rate, whatever its logs have, and noise may hide it in some of them. Where
-    another one has moved the axis, the law gives its command at the rate of that log.
+    A controller has one rate, whatever its logs have, and noise may hide it in some of them: a log
+    with all of its samples tells it best. Where another one has moved the axis the law gives the
+    command at the rate that the log itself shows, and only there.
     """
 
     def at(one: Record, count: int) -> Parity:
@@ -181,20 +182,19 @@ def _compared(now: Input, loop: ClosedLoop) -> list[Parity]:
 
     def at_its_rate(one: Record, own: Parity) -> Parity:
         """Return how it compares at the rate that is known."""
-        count = hz * one.dt
-        if own.oversampling == round(count) or abs(count - round(count)) > LITTLE:
+        count = round(hz * one.dt)
+        if own.oversampling == count:
             return own
-        known = at(one, max(round(count), 1))
-        declared = own.trustworthy and not own.mismatch
-        return own if declared and own.after <= known.after else known
+        known = at(one, count)
+        worse = known.mismatch or own.after < NEARLY_ALL * known.after
+        return own if worse and own.trustworthy and not own.mismatch else known
 
     checked = threaded(at, now.records, [parity.at_rate(now.task.loop)] * len(now.records))
-    fast = [(p, r) for r, p in zip(now.records, checked, strict=True) if p.oversampling > 1]
-    if not fast:
-        return checked
-    best, logged = min(fast, key=lambda pair: (pair[0].below is not None, pair[0].after))
-    hz = best.oversampling / logged.dt
-    return [at_its_rate(r, p) for r, p in zip(now.records, checked, strict=True)]
+    pairs = list(zip(now.records, checked, strict=True))
+    for hz in parity.rates(pairs):
+        if all(abs(hz * one.dt - round(hz * one.dt)) < LITTLE for one in now.records):
+            return [at_its_rate(*pair) for pair in pairs]
+    return checked
 
 
 def _derived(now: Input) -> Input:

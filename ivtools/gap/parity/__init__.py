@@ -23,6 +23,7 @@ from .compared import (
     doubted,
     effects,
     otherwise_derived,
+    rates,
     relative,
 )
 from .limit import beyond
@@ -43,5 +44,6 @@ __all__ = [
     "effects",
     "grid",
     "otherwise_derived",
+    "rates",
     "relative",
 ]

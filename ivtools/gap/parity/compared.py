@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,7 +103,7 @@ class Parity:
 
     @property
     def found(self) -> dict[str, float]:
-        """What the axis file has not: relative errors, feed-forwards, a filter, another law's gains."""
+        """What the axis file has not: relative errors, feed-forwards, a filter, or another law."""
         if not self.taken:
             return self.mismatch
         law = self.loop.controller
@@ -124,6 +124,18 @@ def at_rate(loop: ClosedLoop) -> int:
     A law that is identified has the rate of the log that it was identified from.
     """
     return int(loop.controller.kind == "identify")
+
+
+def rates(compared: Iterable[tuple[Record, Parity]]) -> list[float]:
+    """Return the rates of a controller that its logs show, Hz, the surest first.
+
+    A log with all of its samples, where the law gives the command, shows it; one with some of them
+    as far as noise lets it; one of which neither is known does not.
+    """
+    known = [(p, p.oversampling / r.dt, p.oversampling == 1) for r, p in compared]
+    shown = [(p, hz, whole) for p, hz, whole in known if not whole or p.after <= DIGITS]
+    shown.sort(key=lambda one: (not one[2], one[0].below is not None, one[0].after))
+    return [hz for _, hz, _ in shown]
 
 
 def otherwise_derived(
