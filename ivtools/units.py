@@ -102,6 +102,7 @@ _FACTOR = re.compile(
 )
 _POWERS = {"": 1, "²": 2, "³": 3, "⁻¹": -1, "⁻²": -2}
 _SMALL = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"))
+_LARGE = 1e4  # from here on a number has an exponent
 _WITH_PREFIX = ("m", "rad", "s", "V", "A", "N", "N m")
 
 
@@ -275,16 +276,18 @@ def percent(share: float) -> str:
     return f"{x:.0f} %" if x >= 10.0 else f"{x:.1f} %" if x >= 0.1 else f"{x:.2g} %"
 
 
-def plain_number(value: float, digits: int = 3) -> str:
+def plain_number(value: float, digits: int = 3, sign: str = "") -> str:
     """Return a number with so many digits, and all of those before the point.
 
     Examples
     --------
     >>> plain_number(0.12345), plain_number(1234.5), plain_number(99.96, 2)
     ('0.123', '1234', '100')
+    >>> plain_number(140.2, 2, sign="+")
+    '+140'
     """
     whole = abs(value) >= 10.0**digits - 0.5
-    return f"{value:.0f}" if whole else f"{value:.{digits}g}"
+    return f"{value:{sign}.0f}" if whole else f"{value:{sign}.{digits}g}"
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
@@ -294,6 +297,10 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     --------
     >>> quantity(0.0131512, "m/s"), quantity(-37.18, "N s/m"), quantity(0.25e-3, "s")
     ('13.15 mm/s', '-37.18 N s/m', '0.25 ms')
+    >>> quantity(119.4, "N", 2), quantity(2.3031e6, "N/m")
+    ('119 N', '2.303e+06 N/m')
     """
     factor, unit = prefixed(value, unit)
-    return f"{value * factor:.{digits}g} {unit}".rstrip()
+    size = value * factor
+    number = plain_number(size, digits) if abs(size) < _LARGE else f"{size:.{digits}g}"
+    return f"{number} {unit}".rstrip()

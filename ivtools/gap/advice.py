@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import Record
-from ..units import percent
+from ..units import percent, plural
 from ..workers import threaded
 from . import response as responses
 from .attribute import Attribution
@@ -205,8 +205,8 @@ def remarks(
                 f"{percent(p.after)}, not by {percent(p.before)}"
             )
             lines.append(
-                f"{name}: the recorded command follows the measured position by {p.delay} samples, "
-                f"the axis file says {p.declared.delay}{better if p.after < p.before else ''}"
+                f"{name}: the recorded command follows the measured position by "
+                f"{plural(p.delay, 'sample')}, the axis file says {p.declared.delay}{better if p.after < p.before else ''}"
             )
         if "added" in p.mismatch:
             lines.append(
@@ -216,8 +216,8 @@ def remarks(
         if m.floor.isolated and (stretches := _left(m, compared, held)):
             when = ", ".join(f"{a:.2f}-{b:.2f} s" for a, b in stretches[:_SHOWN])
             when += f" and {len(stretches) - _SHOWN} more" * (len(stretches) > _SHOWN)
-            what = "named effect" if result.named else "smooth law"
-            lines.append(f"{name}: stretches far above the noise, which no {what} explains: {when}")
+            beside = "with what is named" if result.named else "beside simple laws of the motion"
+            lines.append(f"{name}: stretches far above the noise, {beside} too: {when}")
         noise = min(m.floor.noise, m.base.force_rms)  # a model of it is rough at its lowest hertz
         if m.floor.between is None and noise > SOME * m.force:
             lines.append(

@@ -12,7 +12,7 @@ from ...errors import IVToolsError
 from ...loop import ClosedLoop
 from ...loop.rough_inertia import beside_position
 from ...record import Record
-from ...units import JOINTS, parse
+from ...units import JOINTS, parse, plain_number
 from ..parity import Signals
 from ..rules import ABSURD, LITTLE, MAX_DELAY, OPPOSITE, UNIT_NEAR, UNIT_SAMPLES
 
@@ -50,8 +50,8 @@ def doubts(record: Record, loop: ClosedLoop) -> tuple[str, ...]:
     units = "m? mm?" if loop.joint == "prismatic" else "rad? degrees?"
     if not 1.0 / ABSURD < ratio < ABSURD:
         return (
-            f"the controller of the axis file would command {ratio:.2g} times what was recorded; "
-            f"check the units of q ({units}) and of the command, and the gains",
+            f"the controller of the axis file would command {plain_number(ratio, 2)} times what "
+            f"was recorded; check the units of q ({units}) and of the command, and the gains",
         )
     if np.corrcoef(expected, recorded)[0, 1] < OPPOSITE:
         return (
@@ -106,8 +106,9 @@ def wrong_unit(record: Record, loop: ClosedLoop) -> str:
         return ""
     guess = f"{guess}, else " if guess else ""
     return (
-        f"the recorded command is {factor:.3g} times what the controller gives for the recorded "
-        f"position: {guess}check the units of q, q_ref and nu, and the gains in [controller]"
+        f"the recorded command is {plain_number(factor)} times what the controller gives for the "
+        f"recorded position: {guess}check the units of q, q_ref and nu, and the gains in "
+        "[controller]"
     )
 
 

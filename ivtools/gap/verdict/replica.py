@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...loop import ClosedLoop
-from ...units import quantity
+from ...units import plain_number, quantity
 from ..attribute import Attribution
 from ..candidate import phases
 from ..fit import Fit, of_effect
@@ -73,7 +73,7 @@ class Replica:
         if value is None:
             return "not seen"
         if self.units[name] == "%":
-            return f"{100 * value:+.2g} %"
+            return f"{plain_number(100.0 * value, 2, '+')} %"
         return quantity(value, self.units[name].removeprefix("1"))
 
     def to_dict(self) -> dict[str, object]:
