@@ -200,14 +200,15 @@ def remarks(
                 "other record does not cover; effects of position or time are judged on the rest"
             )
         if p.delay != p.declared.delay:
+            said = (
+                f"{name}: the recorded command follows the measured position by "
+                f"{plural(p.delay, 'sample')}, the axis file says {p.declared.delay}"
+            )
             better = (
                 f"; with that the control law, fed with what was measured, is off the command by "
                 f"{percent(p.after)}, not by {percent(p.before)}"
             )
-            lines.append(
-                f"{name}: the recorded command follows the measured position by "
-                f"{plural(p.delay, 'sample')}, the axis file says {p.declared.delay}{better if p.after < p.before else ''}"
-            )
+            lines.append(said + better * (p.after < p.before))
         if "added" in p.mismatch:
             lines.append(
                 f"{name}: the added input acts with {1.0 + p.mismatch['added']:.4g} times its "
