@@ -218,10 +218,9 @@ def _at_rate(now: Input) -> Input:
     faster = [[preflight.faster(p.oversampling)] * (p.oversampling > 1) for p in now.compared]
     if any(faster):
         alike = all(said == faster[0] for said in faster)
-        pairs = zip(now.records, faster, strict=True)
-        return now.then(
-            faster[0] if alike else [f for r, s in pairs for f in preflight.named(s, r)]
-        )
+        of_each = zip(faster, now.records, strict=True)
+        own = [f for said, one in of_each for f in preflight.named(said, one)]
+        return now.then(faster[0] if alike else own)
     loop, dt = now.loop, now.task.record.dt
     beyond = loop.controller.filter
     if beyond is None or beyond.fits(dt):
