@@ -274,6 +274,18 @@ def test_a_holdout_that_overlaps_is_said(twin, loop):
     assert "part shares" in refusal(twin.slice(0, 6000), loop, part)
 
 
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_nor_is_one_that_has_some_of_the_same_samples(twin, count):
+    """At another rate, from wherever it begins; of another motion it has none."""
+    for start in (3000, 3001, 3004):
+        few = {k: x[start::count] for k, x in twin.signals.items()}
+        part = iv.Record(twin.t[start::count], name="part", **few)
+        for pair in ((twin, part), (part, twin)):
+            assert ["holds the same" in f.text for f in preflight.overlap(*pair)] == [True]
+        other = part.replace(q=part.q[::-1], q_ref=part.q_ref[::-1], nu=part.nu[::-1])
+        assert preflight.overlap(twin, other) == []
+
+
 @pytest.mark.parametrize(
     "factor, signals, said",
     [(1e3, ("q", "q_ref"), "in mm"), (-1.0, ("nu",), "opposite sign")],

@@ -432,21 +432,25 @@ def described(controller: Controller) -> str:
 
 
 def _shared(record: Record, holdout: Record) -> float:
-    """Return the share of the moving stretches of either record that the other one holds."""
-    one, two = (_columns(r) for r in (record, holdout))
-    return max(_held(one, two), _held(two, one))
+    """Return the share of the moving stretches of either record that the other one holds.
+
+    Of one with fewer samples, of which that has every second or so as well.
+    """
+    fine, coarse = sorted((record, holdout), key=lambda r: r.dt)
+    one, two, step = _columns(fine), _columns(coarse), round(coarse.dt / fine.dt)
+    return max(_held(one, two, step), _held(two, one) if step == 1 else 0.0)
 
 
-def _held(one: Array, two: Array) -> float:
+def _held(one: Array, two: Array, step: int = 1) -> float:
     """Return the share of the stretches of `two` that `one` holds, sample for sample.
 
-    Only stretches in which the position moves and the command does all the time: standing still is
-    the same in any record.
+    Of `one` each `step` of them count. Only stretches in which the position moves and the command
+    does all the time: standing still is the same in any record.
     """
     starts = np.linspace(0, len(two) - LOOK_WIDTH, LOOKS).astype(int)
     parts = [two[s : s + LOOK_WIDTH] for s in starts]
     moving = [p for p in parts if np.ptp(p[:, 0]) and len(np.unique(p[:, 1])) >= MOST * LOOK_WIDTH]
-    return float(np.mean([_holds(one, p) for p in moving])) if moving else 0.0
+    return float(np.mean([_holds(one, p, step) for p in moving])) if moving else 0.0
 
 
 def _columns(record: Record) -> Array:
@@ -456,9 +460,9 @@ def _columns(record: Record) -> Array:
     return np.column_stack([record.q[:, 0], force[:, 0]])
 
 
-def _holds(x: Array, part: Array) -> bool:
-    width = len(part)
-    at = np.arange(len(x) - width + 1)
+def _holds(x: Array, part: Array, step: int) -> bool:
+    span = step * (len(part) - 1) + 1
+    at = np.arange(len(x) - span + 1)
     for column, first in enumerate(part[0]):
         at = at[x[at, column] == first]
-    return any(np.array_equal(x[i : i + width], part) for i in at)
+    return any(np.array_equal(x[i : i + span : step], part) for i in at)
