@@ -61,9 +61,11 @@ class Entry:
 
     @property
     def remark(self) -> str:
-        """The reason of a failure, or the first finding about the record; else nothing."""
+        """The reason of a failure, what has changed, or the first finding; else nothing."""
         if self.content is None:
             return self.error
+        if changed := self.content.get("changed"):
+            return f"{' and '.join(changed)} changed between it and {self.judged_by}"
         return str(next(iter(self.content["findings"]), ""))
 
     @property
