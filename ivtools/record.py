@@ -303,6 +303,12 @@ class Record:
             return cls(**signals, name=name, notes=notes, extra=further, breaks=breaks)
         return cls(**signals, name=name, notes=notes, extra=further)
 
+    @property
+    def reading_notes(self) -> tuple[str, ...]:
+        """Of the notes those on what was done to the samples when they were read."""
+        own = {*checks.findings(self), *checks.doubts(self)}
+        return tuple(note for note in self.notes if note not in own)
+
     def to_frame(self) -> pd.DataFrame:
         """Return a DataFrame with the columns of a record file."""
         import pandas as pd
@@ -315,8 +321,7 @@ class Record:
 
     def replace(self, **changes: Any) -> Record:
         """Return a validated record with some fields changed, for instance ``nu`` or ``name``."""
-        own = {*checks.findings(self), *checks.doubts(self)}
-        changes.setdefault("notes", tuple(note for note in self.notes if note not in own))
+        changes.setdefault("notes", self.reading_notes)
         return dataclasses.replace(self, **changes)
 
     def told(self, q: NDArray[np.float64]) -> Record:

@@ -56,7 +56,8 @@ class Suitability(Displayed):
         """Return at most 20 lines."""
         verdict = "it suffices" if self.sufficient else "see below"
         title = f"{self.record.name} on {self.loop.name}: {verdict}"
-        return table(title, [], ["", "value", ""], self.rows, self.advice, left=3)
+        notes = (*self.record.reading_notes, *self.advice)
+        return table(title, [], ["", "value", ""], self.rows, notes, left=3)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of `ivtools check`."""

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from ivtools import axes
+from ivtools import axes, diagnose
 from ivtools.cli import run
 from ivtools.suitability import suitability
 
@@ -81,3 +81,15 @@ def test_methods_are_listed(capsys):
     assert told["idim-iv"]["class"] == "IDIMIV" and all(m["about"] for m in told.values())
     assert run(["-V"]) == 0
     assert capsys.readouterr().out.startswith("ivtools ")
+
+
+def test_what_a_reader_left_out_is_said_by_a_first_look_and_by_a_diagnosis(twin):
+    """Not what a record says of itself."""
+    told = "left out: 6 rows said twice"
+    record = twin.replace(notes=(told,)).slice(0, 6000)
+    assert record.reading_notes == (told,) == record.replace(name="other").reading_notes
+    assert told in suitability(record, axes.emps()).summary()
+    found = diagnose(record, axes.emps()).findings
+    assert [f.text for f in found if told in f.text] == [f"{record.name}: {told}"]
+    jittery = record.replace(t=record.t + 5e-7 * np.sin(np.arange(record.n_samples)))
+    assert jittery.reading_notes == (told,) != jittery.notes

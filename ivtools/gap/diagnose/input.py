@@ -79,7 +79,7 @@ def bounded(task: Task) -> Input:
     """Return the input of a task: one stretch of each record, not too long."""
     now, samples = Input(task, task.loop), task.rules.samples
     for role, one in now.task.given.items():
-        said = []
+        said = [f"{one.name}: {note}" for note in one.reading_notes]
         if one.breaks:
             said.append(
                 f"{one.name} has {len(one.parts)} stretches: the longest, "
