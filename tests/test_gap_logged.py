@@ -190,7 +190,7 @@ def commanded(seed, kind, hz):
 
 
 @pytest.mark.parametrize("counts", [(1, 2), (4, 1), (2, 5)])
-@pytest.mark.parametrize("kind", [k for k in populations.KINDS if k != "state-space"])
+@pytest.mark.parametrize("kind", populations.KINDS)
 def test_a_controller_has_one_rate_whatever_its_logs_have(kind, counts):
     """Each is compared at its own multiple of it; at another's the law is a wrong one."""
     for seed in range(3):
