@@ -44,7 +44,7 @@ def log_page(
     record, loop = found.record, found.loop
     out = Page(f"The log {record.name}", repr(record), _card(found, loop, doubts))
     chart = record_chart(record, loop.joint, caption=_SIGNALS)
-    out.add("Signals", *record.notes, tables=[found.summary()], figures=[chart])
+    out.add("Signals", *record.of_itself, tables=[found.summary()], figures=[chart])
     if loop.controller.kind == "none":
         out.add("Controller", "No law is known; the command is taken as it is.")
         return out

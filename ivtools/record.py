@@ -304,10 +304,15 @@ class Record:
         return cls(**signals, name=name, notes=notes, extra=further)
 
     @property
+    def of_itself(self) -> tuple[str, ...]:
+        """Of the notes those on what the samples show."""
+        own = {*checks.findings(self), *checks.doubts(self)}
+        return tuple(note for note in self.notes if note in own)
+
+    @property
     def reading_notes(self) -> tuple[str, ...]:
         """Of the notes those on what was done to the samples when they were read."""
-        own = {*checks.findings(self), *checks.doubts(self)}
-        return tuple(note for note in self.notes if note not in own)
+        return tuple(note for note in self.notes if note not in self.of_itself)
 
     def to_frame(self) -> pd.DataFrame:
         """Return a DataFrame with the columns of a record file."""
@@ -360,6 +365,7 @@ class Record:
             _set(part, signal, values[:, j : j + 1])
         _set(part, "name", self.name if self.n_joints == 1 else f"{self.name}, joint {j + 1}")
         _set(part, "theta_true", None)
+        _set(part, "notes", self.reading_notes)  # what samples show may be another joint's
         return part
 
     def plot(self, joint: int = 0, **options: Any) -> Figure:

@@ -10,7 +10,7 @@ import numpy as np
 from .columns import UNITS
 from .display import Displayed
 from .errors import IVToolsError
-from .gap.parity import Parity, at_motion, at_rate, check, doubted, otherwise_derived
+from .gap.parity import Parity, at_motion, check, doubted, known_oversampling, otherwise_derived
 from .problem import Problem
 from .tables import Text, table
 from .units import JOINTS, quantity
@@ -127,7 +127,7 @@ def _law(
         return None
     try:
         shown = record.longest.liveliest()
-        known, rate = loop.known(record), at_rate(loop)
+        known, rate = loop.known(record), known_oversampling(loop)
         parity = _parity(shown, known, rate)
         again = otherwise_derived(
             shown, known, [parity], lambda other: [_parity(shown, other, rate)]

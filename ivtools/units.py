@@ -102,7 +102,7 @@ _FACTOR = re.compile(
 )
 _POWERS = {"": 1, "²": 2, "³": 3, "⁻¹": -1, "⁻²": -2}
 _SMALL = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"))
-_LARGE = 1e4  # from here on a number has an exponent
+_LARGE = 1e5  # from here on a number with fewer digits has an exponent
 _WITH_PREFIX = ("m", "rad", "s", "V", "A", "N", "N m")
 
 
@@ -277,17 +277,28 @@ def percent(share: float) -> str:
 
 
 def plain_number(value: float, digits: int = 3, sign: str = "") -> str:
-    """Return a number with so many digits, and all of those before the point.
+    """Return a number with so many digits, and up to five before the point.
 
     Examples
     --------
     >>> plain_number(0.12345), plain_number(1234.5), plain_number(99.96, 2)
     ('0.123', '1234', '100')
-    >>> plain_number(140.2, 2, sign="+")
-    '+140'
+    >>> plain_number(140.2, 2, sign="+"), plain_number(99_999.6, 2)
+    ('+140', '1e+05')
     """
-    whole = abs(value) >= 10.0**digits - 0.5
+    whole = 10.0**digits - 0.5 <= abs(value) < _LARGE - 0.5
     return f"{value:{sign}.0f}" if whole else f"{value:{sign}.{digits}g}"
+
+
+def setting(value: float, unit: str) -> str:
+    """Return a setting with its unit; a relative error, whose unit is "%", with its sign.
+
+    Examples
+    --------
+    >>> setting(-0.0833, "%"), setting(14.02, "%"), setting(141.6, "Hz"), setting(0.12, "")
+    ('-8.33 %', '+1402 %', '141.6 Hz', '0.12')
+    """
+    return f"{plain_number(100.0 * value, sign='+')} %" if unit == "%" else quantity(value, unit)
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
@@ -301,6 +312,4 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     ('119 N', '2.303e+06 N/m')
     """
     factor, unit = prefixed(value, unit)
-    size = value * factor
-    number = plain_number(size, digits) if abs(size) < _LARGE else f"{size:.{digits}g}"
-    return f"{number} {unit}".rstrip()
+    return f"{plain_number(value * factor, digits)} {unit}".rstrip()

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from ..display import Displayed, plain
 from ..loop import ClosedLoop
 from ..tables import Text, table
-from ..units import percent, quantity
+from ..units import percent, quantity, setting
 from .attribute import Evidence, Supposed
 from .discrepancy import Discrepancy
 from .fit import Fit
 from .floor import Floor
 from .locate import Region
-from .parity import Parity, relative
+from .parity import Parity, unit
 from .preflight import Finding
 from .quantify import Shrink, Traces
 from .rules import LITTLE, NEARLY_ALL, TOLERANCE
@@ -198,10 +198,10 @@ class Diagnosis(Displayed):
         """Return a parameter of a named effect with its unit."""
         value, known = self.parameters[effect][parameter], self.loop.parameters
         if effect == "controller-mismatch":
-            return f"{100 * value:+.3g} %" if relative(self.parity, parameter) else f"{value:.4g}"
+            return setting(value, unit(self.parity, parameter))
         name = f"{effect}.{parameter}"
-        unit = known[name].unit_for(self.loop.joint) if name in known else ""
-        return quantity(value, unit.removeprefix("1"))
+        si = known[name].unit_for(self.loop.joint) if name in known else ""
+        return quantity(value, si.removeprefix("1"))
 
     @property
     def size(self) -> str:

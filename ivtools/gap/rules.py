@@ -75,7 +75,7 @@ SURE_T = 8.0
 #:   no other one is asked for (judgement); of all that error, outside of one place: that is a bad
 #:   row (judgement);
 #: - of the error, by a corrected controller: less is not worth a line of its own (taste).
-HARDLY_ANY = 0.005
+HARDLY_ANY = 0.006
 #: Little:
 #:
 #: - of what all names remove: an effect without which the model loses less is dropped again; the

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -171,12 +171,12 @@ def _inspected(now: Input) -> Inspected:
         is not the logged one.
         """
         inexact = identified or record.name in now.inexact
-        poor = p.after > PARITY_POOR and p.below is None
+        poor = p.after > PARITY_POOR and p.below is None and p.oversampling == 1
         doubted = poor if inexact else parity.doubted(record, p)
         return parity.check(record, loop, oversampling=1) if doubted else p
 
     checked = tuple(threaded(known, records, now.compared))
-    found = _by_record(
+    found = preflight.by_record(
         records, threaded(lambda r, p: preflight.inspect(r, loop, p), records, checked)
     )
     if task.holdout is not None:
@@ -195,15 +195,7 @@ def _shown(now: Input, found: Sequence[Parity], kept: Sequence[Parity]) -> list[
     pairs = zip(found, kept, strict=False)
     same = [(p, (k.taken, k.mismatch) == (p.taken, p.mismatch)) for p, k in pairs]
     said = [preflight.other_law(p, kept, read) for p, kept in same]
-    return _by_record(now.records, said)
-
-
-def _by_record(given: Collection[Record], found: Iterable[list[Finding]]) -> list[Finding]:
-    """Return what is said of each record, with its name if there are several."""
-    if len(given) == 1:
-        return [f for each in found for f in each]
-    pairs = zip(given, found, strict=False)
-    return [f for record, each in pairs for f in preflight.named(each, record)]
+    return preflight.by_record(now.records, said)
 
 
 def _confirmed(loop: ClosedLoop, measured: tuple[Measured, ...]) -> tuple[Measured, ...]:

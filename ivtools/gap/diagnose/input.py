@@ -22,7 +22,7 @@ from .. import parity, preflight
 from ..floor import fitted, prepared
 from ..parity import Parity
 from ..preflight import Finding
-from ..rules import LITTLE, NEARLY_ALL
+from ..rules import NEARLY_ALL
 from .task import Task
 
 
@@ -171,30 +171,37 @@ def _as_it_acted(now: Input) -> Input:
 def _compared(now: Input, loop: ClosedLoop) -> list[Parity]:
     """Return how a law compares with each record, at the rate of its controller.
 
-    A controller has one rate, whatever its logs have, and noise may hide it in some of them: a log
-    with all of its samples tells it best. Where another one has moved the axis the law gives the
-    command at the rate that the log itself shows, and only there.
+    A controller has one rate, and one law, whatever its logs have, and noise may hide it in some of
+    them: a log with all of its samples tells it best. Where another one has moved the axis the law
+    gives the command at the rate that the log itself shows, and only there.
     """
 
-    def at(one: Record, count: int) -> Parity:
+    def at(one: Record, count: int, law: ClosedLoop = loop) -> Parity:
         """Return how it compares with one of them, at so many samples for each of the log."""
-        return parity.at_motion(one, loop, parity.check(one, loop, False, count), count)
+        return parity.at_motion(one, law, parity.check(one, law, False, count), count)
 
-    def at_its_rate(one: Record, own: Parity) -> Parity:
-        """Return how it compares at the rate that is known."""
-        count = round(hz * one.dt)
-        if own.oversampling == count:
+    def at_the_rate(one: Record, own: Parity, hz: float, surest: Parity) -> Parity:
+        """Return how it compares at the rate that another one shows, with the law that does."""
+        count = parity.multiple(hz, one)
+        if own is surest or own.whole or not count:
             return own
-        known = at(one, count)
-        worse = known.mismatch or own.after < NEARLY_ALL * known.after
-        return own if worse and own.trustworthy and not own.mismatch else known
+        known = own if own.oversampling == count else at(one, count)
+        if surest.whole and surest.mismatch and "added" not in surest.mismatch:
+            right = replace(surest.loop.controller, limit=loop.controller.limit)
+            known = parity.by_another(
+                known, at(one, count, replace(loop, controller=right)), surest
+            )
+            wrong = known.mismatch != surest.mismatch
+        else:
+            wrong = bool(known.mismatch)
+        better = own.trustworthy and not own.mismatch
+        return own if better and (wrong or own.after < NEARLY_ALL * known.after) else known
 
-    checked = threaded(at, now.records, [parity.at_rate(now.task.loop)] * len(now.records))
+    count = parity.known_oversampling(now.task.loop)
+    checked = threaded(at, now.records, [count] * len(now.records))
     pairs = list(zip(now.records, checked, strict=True))
-    for hz in parity.rates(pairs):
-        if all(abs(hz * one.dt - round(hz * one.dt)) < LITTLE for one in now.records):
-            return [at_its_rate(*pair) for pair in pairs]
-    return checked
+    shown = parity.rates(pairs) if loop.controller.kind != "none" else []
+    return [at_the_rate(*pair, *shown[0]) for pair in pairs] if shown else checked
 
 
 def _derived(now: Input) -> Input:
@@ -215,12 +222,10 @@ def _at_rate(now: Input) -> Input:
     pairs = zip(now.records, now.compared, strict=True)
     slow = [f for r, p in pairs if p.below for f in preflight.named([preflight.noisy(p)], r)]
     now = now.then(slow)
-    faster = [[preflight.faster(p.oversampling)] * (p.oversampling > 1) for p in now.compared]
-    if any(faster):
-        alike = all(said == faster[0] for said in faster)
-        of_each = zip(faster, now.records, strict=True)
-        own = [f for said, one in of_each for f in preflight.named(said, one)]
-        return now.then(faster[0] if alike else own)
+    if any(p.oversampling > 1 for p in now.compared):
+        said = [[preflight.faster(p)] * (p.oversampling > 1) for p in now.compared]
+        alike = all(each == said[0] for each in said)
+        return now.then(said[0] if alike else preflight.by_record(now.records, said))
     loop, dt = now.loop, now.task.record.dt
     beyond = loop.controller.filter
     if beyond is None or beyond.fits(dt):

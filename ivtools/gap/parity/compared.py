@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -97,6 +97,11 @@ class Parity:
         return limit if limit < self.declared.limit else None
 
     @property
+    def whole(self) -> bool:
+        """Whether the log has all samples of its controller: then the law gives the command."""
+        return self.oversampling == 1 and self.below is None and self.after <= DIGITS
+
+    @property
     def trustworthy(self) -> bool:
         """Whether the law, as corrected or read from the record, reproduces the command."""
         return self.after < LAW_ERROR or self.taken
@@ -109,16 +114,24 @@ class Parity:
         law = self.loop.controller
         fed = {f"feedforward.{k}": v for k, v in law.feedforward.items()}
         fed |= {f"feedback.{k}": v for k, v in law.feedback.items()}
-        if law.filter is not None and law.filter != self.declared.filter:
-            fed["filter.hz"] = law.filter.hz
+        if self._filtered_otherwise:
+            fed["filter.hz"] = law.filter.hz if law.filter is not None else 0.0
         if law.kind == self.declared.kind:
             known = {*self.declared.mismatches}
             return {**self.mismatch, **{k: v for k, v in fed.items() if k not in known}}
         own = {f"law.{k}": float(v) for k, v in law.settings.items() if np.ndim(v) == 0}
         return own | fed
 
+    @property
+    def _filtered_otherwise(self) -> bool:
+        """Whether the filter of the law that was read is not the declared one."""
+        own, declared = self.loop.controller.filter, self.declared.filter
+        if own is None or declared is None or own.kind != declared.kind:
+            return own is not declared
+        return abs(own.hz / declared.hz - 1.0) > _told(self.read)
 
-def at_rate(loop: ClosedLoop) -> int:
+
+def known_oversampling(loop: ClosedLoop) -> int:
     """Return the oversampling that is known of a declared loop; 0: its records show it.
 
     A law that is identified has the rate of the log that it was identified from.
@@ -126,16 +139,46 @@ def at_rate(loop: ClosedLoop) -> int:
     return int(loop.controller.kind == "identify")
 
 
-def rates(compared: Iterable[tuple[Record, Parity]]) -> list[float]:
-    """Return the rates of a controller that its logs show, Hz, the surest first.
+def rates(compared: Sequence[tuple[Record, Parity]]) -> list[tuple[float, Parity]]:
+    """Return the rates of a controller that its logs show, Hz, and what of them does, surest first.
 
     A log with all of its samples, where the law gives the command, shows it; one with some of them
-    as far as noise lets it; one of which neither is known does not.
+    as far as noise lets it; one of which neither is known does not. First are the rates of which
+    every log has a whole multiple.
     """
-    known = [(p, p.oversampling / r.dt, p.oversampling == 1) for r, p in compared]
-    shown = [(p, hz, whole) for p, hz, whole in known if not whole or p.after <= DIGITS]
-    shown.sort(key=lambda one: (not one[2], one[0].below is not None, one[0].after))
-    return [hz for _, hz, _ in shown]
+
+    def order(one: tuple[float, Parity]) -> tuple[bool, bool, bool, float]:
+        """Return what they are sorted by."""
+        hz, p = one
+        fits = all(multiple(hz, r) for r, _ in compared)
+        return not fits, p.oversampling > 1, p.below is not None, p.after
+
+    shown = ((p.oversampling / r.dt, p) for r, p in compared if p.oversampling > 1 or p.whole)
+    return sorted(shown, key=order)
+
+
+def multiple(hz: float, record: Record) -> int:
+    """Return how many samples a controller takes for each of a log; 0 if it is no whole number."""
+    count = hz * record.dt
+    whole = round(count)
+    return whole if 1 <= whole <= FASTER[-1] and abs(count - whole) < LITTLE else 0
+
+
+def by_another(own: Parity, right: Parity, surest: Parity) -> Parity:
+    """Return the parity of a record under the law that another one shows to the last digit.
+
+    Parameters
+    ----------
+    own, right : Parity
+        With the declared law, and with the one that the other record shows.
+    surest : Parity
+        Of that record.
+    """
+    if right.mismatch or not right.trustworthy:
+        return own
+    return replace(
+        right, declared=surest.declared, before=own.before, mismatch=surest.mismatch, taken=False
+    )
 
 
 def otherwise_derived(
@@ -463,14 +506,18 @@ def _limited(
 
 def _differences(declared: Controller, law: Controller, fit: ControllerFit) -> dict[str, float]:
     """Return relative errors of the settings that two laws of a kind have in common."""
-    least = LITTLE if fit.low_pass else GAIN_ERROR
     pairs = {
         k: (float(declared.full[k]), float(law.full[k]))
         for k in declared.mismatches
         if k in declared.full and k in law.full
     }
     found = {k: new / old - 1.0 for k, (old, new) in pairs.items() if old}
-    return {k: v for k, v in found.items() if abs(v) > least}
+    return {k: v for k, v in found.items() if abs(v) > _told(fit)}
+
+
+def _told(fit: ControllerFit | None) -> float:
+    """Return the relative error of a setting that a law tells which was read from a record."""
+    return LITTLE if fit is not None and fit.low_pass else GAIN_ERROR
 
 
 def at_limit(
@@ -537,6 +584,11 @@ def relative(checked: Sequence[Parity], setting: str) -> bool:
     """Whether what records show of a setting is the relative error of one that was declared."""
     shown = [p for p in checked if setting in p.found]
     return bool(shown) and all(setting in (*p.mismatch, "added") for p in shown)
+
+
+def unit(checked: Sequence[Parity], setting: str) -> str:
+    """Return the unit in which a setting is said that records show."""
+    return "%" if relative(checked, setting) else "Hz" if setting == "filter.hz" else ""
 
 
 def effects(checked: tuple[Parity, ...]) -> tuple[list[str], dict[str, dict[str, float]]]:

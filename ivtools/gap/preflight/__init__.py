@@ -9,6 +9,7 @@ hanging      gravity where no control law is known
 
 from .findings import (
     Finding,
+    by_record,
     identifiable,
     identified,
     inspect,
@@ -46,6 +47,7 @@ __all__ = [
     "Hanging",
     "adrift",
     "beyond_the_log",
+    "by_record",
     "counted",
     "derived",
     "doubts",

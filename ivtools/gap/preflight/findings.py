@@ -7,7 +7,7 @@ and with what it looks like: a unit, another control law, another axis.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,6 +110,14 @@ def identified(record: Record, loop: ClosedLoop) -> list[Finding]:
 def named(found: Sequence[Finding], record: Record) -> list[Finding]:
     """Return findings that say of which record they speak."""
     return [replace(f, text=f"{record.name}: {f.text}") for f in found]
+
+
+def by_record(given: Collection[Record], found: Iterable[list[Finding]]) -> list[Finding]:
+    """Return what is said of each record, with its name if there are several."""
+    if len(given) == 1:
+        return [f for each in found for f in each]
+    pairs = zip(given, found, strict=False)
+    return [f for record, each in pairs for f in named(each, record)]
 
 
 def _reference(record: Record, loop: ClosedLoop, parity: Parity | None = None) -> list[Finding]:
@@ -434,11 +442,12 @@ def described(controller: Controller) -> str:
 def _shared(record: Record, holdout: Record) -> float:
     """Return the share of the moving stretches of either record that the other one holds.
 
-    Of one with fewer samples, of which that has every second or so as well.
+    If one has a multiple of the samples of the other, of those that the other may have.
     """
     fine, coarse = sorted((record, holdout), key=lambda r: r.dt)
     one, two, step = _columns(fine), _columns(coarse), round(coarse.dt / fine.dt)
-    return max(_held(one, two, step), _held(two, one) if step == 1 else 0.0)
+    parts = [part for k in range(step) if len(part := one[k::step]) >= LOOK_WIDTH]
+    return max(_held(one, two, step), *(_held(two, part) for part in parts), 0.0)
 
 
 def _held(one: Array, two: Array, step: int = 1) -> float:

@@ -361,12 +361,17 @@ def derived(controller: Controller, before: float, after: float) -> Finding:
     return Finding(text, fatal=False)
 
 
-def faster(count: int) -> Finding:
-    """Return what to say of a controller that takes so many samples for each of the log."""
+def faster(found: Parity) -> Finding:
+    """Return what to say of a controller that takes several samples for each of the log."""
+    why = (
+        "at that rate the settings of the axis file explain the command, at the rate of the log "
+        "only other settings would"
+    )
+    if found.mismatch:
+        why = "another log shows its rate"
     text = (
-        f"the controller takes {count} samples for each of the log: at that rate the settings of "
-        "the axis file explain the command, at the rate of the log only other settings would; it "
-        "is simulated at its own rate, and the log is interpolated"
+        f"the controller takes {found.oversampling} samples for each of the log: {why}; it is "
+        "simulated at its own rate, and the log is interpolated"
     )
     return Finding(text, fatal=False)
 

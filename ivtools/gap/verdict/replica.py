@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...loop import ClosedLoop
-from ...units import plain_number, quantity
+from ...units import setting
 from ..attribute import Attribution
 from ..candidate import phases
 from ..fit import Fit, of_effect
-from ..parity import Parity, relative
+from ..parity import Parity, unit
 from ..rules import AGREES, GOES_ON
 from ..screen import unit_force
 
@@ -72,9 +72,7 @@ class Replica:
         value = self.values[name][side]
         if value is None:
             return "not seen"
-        if self.units[name] == "%":
-            return f"{plain_number(100.0 * value, 2, '+')} %"
-        return quantity(value, self.units[name].removeprefix("1"))
+        return setting(value, self.units[name].removeprefix("1"))
 
     def to_dict(self) -> dict[str, object]:
         """Return the JSON of the replica."""
@@ -193,7 +191,7 @@ def _controller(effect: str, sides: tuple[str, str], checked: Sequence[Parity]) 
         [[float(v) for v in p if v is not None] for p in values.values() if None not in p]
     )
     agree = _agree(_relative(both)) if len(both) else None
-    units = {n: "%" if relative(checked, n) else "" for n in values}
+    units = {n: unit(checked, n) for n in values}
     return Replica(effect, sides, values, units, agree)
 
 
