@@ -319,6 +319,25 @@ def test_a_filter_that_the_axis_file_lacks_is_read_and_is_no_other_effect(kind, 
     assert any("the record shows" in f.text and kept in f.text for f in found.findings)
 
 
+def test_a_filter_is_the_declared_one_or_another_or_is_not_there():
+    """One that is read has the digits of a fit; where there is none, its frequency is 0."""
+    loop, record = played("pd", filter={"kind": "lowpass", "hz": 40.0})
+    read = parity.check(record, replace(loop, controller=replace(loop.controller, filter=None)))
+    assert read.taken and read.found == {"filter.hz": pytest.approx(40.0, rel=1e-3)}
+    for hz, found in (
+        (40.0, {}),
+        (40.01, {}),
+        (60.0, {"filter.hz": 40.0}),
+        (None, {"filter.hz": 0.0}),
+    ):
+        law = read.loop.controller
+        stated = replace(law, filter={"kind": "lowpass", "hz": hz or 40.0})
+        shown = (
+            replace(read.loop, controller=replace(law, filter=None)) if hz is None else read.loop
+        )
+        assert replace(read, declared=stated, loop=shown).found == pytest.approx(found, rel=1e-3)
+
+
 def test_what_a_command_says_of_itself_is_no_law():
     """A smooth command follows from its own past, whatever it answers to."""
     loop, record = played("pid")

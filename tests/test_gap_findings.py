@@ -282,6 +282,8 @@ def test_nor_is_one_that_has_some_of_the_same_samples(twin, count):
         part = iv.Record(twin.t[start::count], name="part", **few)
         for pair in ((twin, part), (part, twin)):
             assert ["holds the same" in f.text for f in preflight.overlap(*pair)] == [True]
+            short = twin.slice(4000, 4000 + 400 * count)
+            assert preflight.overlap(short, part) and preflight.overlap(part, short)
         other = part.replace(q=part.q[::-1], q_ref=part.q_ref[::-1], nu=part.nu[::-1])
         assert preflight.overlap(twin, other) == []
 

@@ -202,6 +202,34 @@ def test_a_controller_has_one_rate_whatever_its_logs_have(kind, counts):
             assert not any(p.found for p in compared), seed
 
 
+@pytest.mark.parametrize("counts", [(1, 2), (4, 1)])
+@pytest.mark.parametrize("kind", [k for k in populations.KINDS if k != "state-space"])
+def test_a_log_with_all_samples_tells_wrong_gains_for_the_others(kind, counts):
+    """To the last digit, where noise between the samples of another one hides them."""
+    for seed, factor in enumerate((0.8, 1.02, 1.1)):
+        loop, records = commanded(seed, kind, 2000.0)
+        one, two = (sparse(r, n) for r, n in zip(records, counts, strict=True))
+        stated = replace(loop, controller=loop.controller.scaled(factor))
+        compared = readied(bounded(Task(one, stated, two))).compared
+        assert tuple(p.oversampling for p in compared) == counts, seed
+        first, second = (p.found for p in compared)
+        assert first == second and first, seed
+        off = np.array([*first.values()]) - (1.0 / factor - 1.0)
+        assert np.max(np.abs(off)) < 1e-6, seed
+
+
+@pytest.mark.parametrize("kind", ["identify", "none"])
+def test_without_a_declared_law_no_log_has_the_rate_of_another(kind):
+    """One that is identified has the rate of the log that it was read from."""
+    loop, records = commanded(2, "p-pi", 2000.0)
+    one, two = (sparse(r, n) for r, n in zip(records, (1, 2), strict=True))
+    found = iv.diagnose(one, replace(loop, start={}, controller=Controller(kind, {})), two)
+    assert "controller-mismatch" not in found.effects
+    rates = [p.oversampling for p in found.parity]
+    assert rates == ([1, 2] if said(found, "takes 2 samples") else [1, 1])
+    assert kind == "identify" or rates == [1, 1]
+
+
 @pytest.mark.parametrize("kind", ["pd", "cascade-pd", "p-pi"])
 def test_the_axis_may_have_been_moved_by_a_slower_controller(kind):
     """A log with all that this one did is not told the rate of the other."""

@@ -186,16 +186,13 @@ def _compared(now: Input, loop: ClosedLoop) -> list[Parity]:
         if own is surest or own.whole or not count:
             return own
         known = own if own.oversampling == count else at(one, count)
+        left = known.before
         if surest.whole and surest.mismatch and "added" not in surest.mismatch:
-            right = replace(surest.loop.controller, limit=loop.controller.limit)
-            known = parity.by_another(
-                known, at(one, count, replace(loop, controller=right)), surest
-            )
-            wrong = known.mismatch != surest.mismatch
-        else:
-            wrong = bool(known.mismatch)
-        better = own.trustworthy and not own.mismatch
-        return own if better and (wrong or own.after < NEARLY_ALL * known.after) else known
+            law = replace(surest.loop.controller, limit=loop.controller.limit)
+            right = at(one, count, replace(loop, controller=law))
+            known, left = parity.by_another(known, right, surest), right.before
+        another = own.trustworthy and not own.mismatch and own.before < NEARLY_ALL * left
+        return own if another else known
 
     count = parity.known_oversampling(now.task.loop)
     checked = threaded(at, now.records, [count] * len(now.records))

@@ -167,6 +167,8 @@ def multiple(hz: float, record: Record) -> int:
 def by_another(own: Parity, right: Parity, surest: Parity) -> Parity:
     """Return the parity of a record under the law that another one shows to the last digit.
 
+    Other settings that noise between the samples of a log may suggest are none of it.
+
     Parameters
     ----------
     own, right : Parity
@@ -174,10 +176,16 @@ def by_another(own: Parity, right: Parity, surest: Parity) -> Parity:
     surest : Parity
         Of that record.
     """
-    if right.mismatch or not right.trustworthy:
+    if right.before >= LAW_ERROR:
         return own
+    law = replace(right.declared, limit=right.loop.controller.limit)
     return replace(
-        right, declared=surest.declared, before=own.before, mismatch=surest.mismatch, taken=False
+        right,
+        loop=replace(right.loop, controller=law),
+        declared=surest.declared,
+        before=own.before,
+        after=right.before,
+        mismatch=surest.mismatch,
     )
 
 

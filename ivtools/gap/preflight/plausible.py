@@ -39,7 +39,7 @@ def doubts(record: Record, loop: ClosedLoop) -> tuple[str, ...]:
     >>> record, loop = iv.datasets.twin(), iv.axes.emps()
     >>> doubts(record, loop)
     ()
-    >>> "1e+03 times" in doubts(record.replace(q=1e3 * record.q, q_ref=1e3 * record.q_ref), loop)[0]
+    >>> "1000 times" in doubts(record.replace(q=1e3 * record.q, q_ref=1e3 * record.q_ref), loop)[0]
     True
     """
     commands = _commands(record, loop)
