@@ -13,6 +13,7 @@ import ivtools as iv
 from ivtools.cli import run
 from ivtools.errors import IVToolsError
 from ivtools.gap.fleet import run as fleet_run
+from ivtools.gap.fleet.entry import Entry
 from ivtools.gap.fleet.shelf import Shelf
 from ivtools.gap.fleet.source import sources
 
@@ -84,6 +85,14 @@ def test_every_record_is_a_row_and_a_failure_too(fleet):
     assert (table["after"][:2] < 0.8 * table["before"][:2]).all()
     assert "q is NaN at row 57" in fleet["broken"].error
     assert "at least 3 s" in fleet["short"].remark
+
+
+def test_a_row_says_which_settings_changed():
+    changed = {"inertia": {"record": 1.0, "holdout": 1.2, "t": 90.0}, "coulomb": {}}
+    told = {"verdict": "non-repeatable", "findings": ["one thing", "another"]}
+    entry = Entry("monday", content={**told, "changed": changed}, judged_by="new")
+    assert entry.remark == "inertia and coulomb changed between it and new"
+    assert Entry("monday", content={**told, "changed": {}}).remark == "one thing"
 
 
 def test_a_row_is_what_the_record_gives_alone(fleet, logs, loop):

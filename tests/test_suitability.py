@@ -91,5 +91,9 @@ def test_what_a_reader_left_out_is_said_by_a_first_look_and_by_a_diagnosis(twin)
     assert told in suitability(record, axes.emps()).summary()
     found = diagnose(record, axes.emps()).findings
     assert [f.text for f in found if told in f.text] == [f"{record.name}: {told}"]
+    arm = record.replace(q=np.column_stack([record.q, 0 * record.q]),
+                         q_ref=np.column_stack([record.q_ref] * 2),
+                         nu=np.column_stack([record.nu] * 2))  # fmt: skip
+    assert [arm.joint(j).reading_notes for j in (0, 1)] == [(told,), (told,)] != [arm.notes] * 2
     jittery = record.replace(t=record.t + 5e-7 * np.sin(np.arange(record.n_samples)))
     assert jittery.reading_notes == (told,) != jittery.notes

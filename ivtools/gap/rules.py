@@ -54,15 +54,16 @@ AGREES = 1.67
 SURE_T = 8.0
 
 # --- shares: how much of anything -------------------------------------------------------------
-# One scale, wherever it is asked how much of something there is. Of what it is asked, and what was
-# seen there, is told below each.
+# One scale, of which most is asked of how much of something there is; a share with a number of its
+# own was found to need it. Of what each is asked, and what was seen there, is told below it.
 
 #: Hardly any:
 #:
 #: - of a gain, or of what names remove: two effects whose gains differ by less do equally well (if
 #:   what they leave differs by `LITTLE` at most), the one with fewer parameters gets the name, and
 #:   no t value tells them apart (judgement: a spring and gravity over a short arc differ by 1e-5 to
-#:   0.0052, two laws of the speed by 0.012 to 0.019, of twelve pairs the better one right);
+#:   0.0052, one of them named for the other with a t value of 4; two laws of the speed by 0.012 to
+#:   0.019, of twelve pairs the better one right);
 #: - of the energy: an effect with less gain in the screening is not fitted (cost);
 #: - of the force error: if all names together lower it by less, they fall (judgement: of two false
 #:   names, on a healthy arm and a healthy axis with encoder noise, the larger lowered it by
@@ -247,8 +248,8 @@ LAW_ERROR = 0.2
 #: Relative parity error up to which a record is not asked for another law, or another derivative of
 #: its reference (definition: a setting of an axis file has four digits).
 DIGITS = 1e-4
-#: Relative parity error from which a law explains little: half of its energy is enough for another
-#: one (`MOST`), a late log and what is done at a limit are tried, and the command counts as
+#: Relative parity error from which a law explains little: most of its energy (`MOST`) is enough for
+#: another one, a late log and what is done at a limit are tried, and the command counts as
 #: measured (physics: a digital law repeats to rounding, and to 0.3 % where log and controller
 #: sample apart).
 PARITY_POOR = 0.02
@@ -591,14 +592,18 @@ MUTATION, RECOMBINATION = (0.4, 0.9), 0.9
 
 #: Whitened energy, where the floor is 1, below which a record counts as without a gap (training: 98
 #: of 100 without an effect). Effects are looked for below it too, and named; only wider searches
-#: and further laws of the speed are spared.
+#: and further laws of the speed are spared. What names leave counts as floor up to `CLEAN`, and
+#: none of it from here on; in between in proportion (training, with 1.15).
 ADEQUATE = 1.12
 #: A record of n samples shows none up to `ADEQUATE` + (`SHORT` / n)^2, for its noise is badly known
 #: (training: 26 healthy records of 1100 to 3000 samples).
 SHORT = 520
 #: Whitened energy below which nothing unknown is left that could favour one twin over another. A
 #: t value decides between twins below it only (training). From it on what is left is described, if
-#: it repeats (a force of half the floor, energy 1.25, must be).
+#: it repeats (a force of half the floor, energy 1.25, must be). If names leave more, also more than
+#: so many times what smooth laws of the base model's motion do, a force without a name may explain
+#: more (training: of 39 true names one lies above, 1.041; of two false ones, 1.040 and 1.059, one);
+#: and the shares of the ranking are of so much at least (numerics: how well the floor is known).
 CLEAN = 1.05
 #: Effects of the screening that are fitted first; of the others only what may be a rival of these,
 #: or all if none of these passes (cost).
@@ -606,8 +611,9 @@ AT_FIRST = 2
 #: Least gain of a rival, of the best gain: in the screening, where less is not fitted, and of what
 #: leaves a second mass without one (training).
 RIVAL = 0.35
-#: Multiple of that loss: where the loss to first order is larger, the effect is kept, and no model
-#: without it is fitted, unless an earlier one is a valley (cost).
+#: Where an effect's loss to first order is more than so many times what makes it superfluous
+#: (`LITTLE`), it is kept, and no model without it is fitted, unless an earlier one is a valley
+#: (cost).
 SURELY_NEEDED = 4.0
 #: If the first name is doubtful, another effect is looked for beside it, then the first anew beside
 #: that: so many rounds at most until two names find each other (cost: the third is needed where the
@@ -736,8 +742,8 @@ OTHER_VALUE = 3.0
 CONFIDENCE = 0.95
 #: Blocks at least, also of a short stretch, for the interval of an error (theory).
 LEAST_BLOCKS = 10
-#: Motions that are tried for that: how many times slower one is, how many times longer the stroke
-#: of another, and between which paces, of the record's, and how often a third one sweeps.
+#: Motions that are tried for an advice: how many times slower one is, how many times longer the
+#: stroke of another, and between which paces, of the record's, and how often a third one sweeps.
 SLOWER, WIDER, PACES, SWEEPS = 3.0, 3.0, (0.1, 1.0), 3
 #: And a dither: its band, Hz, and how many lines it has.
 DITHER_HZ, DITHER_LINES = (3.0, 50.0), 12
