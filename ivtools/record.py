@@ -312,7 +312,8 @@ class Record:
     @property
     def reading_notes(self) -> tuple[str, ...]:
         """Of the notes those on what was done to the samples when they were read."""
-        return tuple(note for note in self.notes if note not in self.of_itself)
+        own = {*self.of_itself} if self.notes else ()
+        return tuple(note for note in self.notes if note not in own)
 
     def to_frame(self) -> pd.DataFrame:
         """Return a DataFrame with the columns of a record file."""

@@ -161,7 +161,7 @@ def _as_it_acted(now: Input) -> Input:
     """
     if now.task.inspected is not None:
         return now
-    now = _at_rate(_derived(now))
+    now = _rate_said(_derived(now))
     beyond = any(p.oversampling > 1 or p.below for p in now.compared)  # what the log can show
     if beyond or now.task.links or now.loop.controller.kind == "none":
         return now
@@ -214,7 +214,7 @@ def _derived(now: Input) -> Input:
     return now.then([said], loop=other, compared=again)
 
 
-def _at_rate(now: Input) -> Input:
+def _rate_said(now: Input) -> Input:
     """Say at which rate the controller acted, and leave out a filter that the log's cannot have."""
     pairs = zip(now.records, now.compared, strict=True)
     slow = [f for r, p in pairs if p.below for f in preflight.named([preflight.noisy(p)], r)]

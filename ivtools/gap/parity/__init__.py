@@ -9,6 +9,7 @@ signals      what a law sees of a record, what was recorded, and the error betwe
 limit        where the command sits at a limit, which nobody may have declared
 gains        what settings, other than the declared ones, explain it, and how late
 compared     the comparison, and the law that the record shows
+rate         at which rate the controller acted, where its logs have several
 """
 
 from .compared import (
@@ -18,17 +19,14 @@ from .compared import (
     as_read,
     at_limit,
     at_motion,
-    by_another,
     check,
     doubted,
     effects,
-    known_oversampling,
-    multiple,
     otherwise_derived,
-    rates,
     unit,
 )
 from .limit import beyond
+from .rate import by_another, known_oversampling, multiple, rates
 from .signals import Signals, grid
 
 __all__ = [
